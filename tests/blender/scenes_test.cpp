@@ -258,7 +258,7 @@ TEST(BlenderNotes, SayWhatIsLeftOutAndWhatIsTakenInstead) {
                            "Missing: the volume is left out: its file",
                            "Noisy: 'Density' of its volume depends on Noise Texture, which brume lacks; 1.0 is taken",
                            "Two grids: its density depends on the grids 'density' and 'flame' together",
-                           "Glow: the volume is seen by the camera",
+                           "Glow: its volume is seen by rays of every kind in brume, camera too",
                            "Glow: what it emits everywhere it emits where the grid 'density' is above 0",
                            "Plus: its density is above 0 where the grid 'density' is 0",
                            "Turning: 'Anisotropy' of its volume varies; its mean, 0.5, is taken",

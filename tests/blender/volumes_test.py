@@ -60,6 +60,21 @@ class Volumes(unittest.TestCase):
         bpy.context.scene.camera.data.clip_end = 5
         self.assertIn("Smoke: is seen beyond 5, where Blender's camera clips", "\n".join(self._translated().notes))
 
+    def test_what_rays_see_no_volume_is_said(self):
+        scenes.smoke_scene(floor=False)
+        smoke = bpy.data.objects["Smoke"]
+        smoke.visible_shadow = False
+        self.assertEqual(self._translated().notes, ["Smoke: its volume is seen by rays of every kind in brume, shadow too"])
+        smoke.visible_shadow, smoke.is_holdout = True, True
+        self.assertEqual(self._translated().notes, ["Smoke: its volume is no holdout in brume; it is rendered"])
+        smoke.is_holdout = False
+        collection = bpy.data.collections.new("Unseen")
+        bpy.context.scene.collection.children.link(collection)
+        bpy.context.scene.collection.objects.unlink(smoke)
+        collection.objects.link(smoke)
+        bpy.context.view_layer.layer_collection.children["Unseen"].indirect_only = True
+        self.assertEqual(self._translated().notes, ["Smoke: its volume is seen by rays of every kind in brume, camera too"])
+
     def test_a_scaled_volume_is_as_dense_as_its_space_says(self):
         scenes.smoke_scene(floor=False)
         smoke, sigma = bpy.data.objects["Smoke"], {}

@@ -10,11 +10,16 @@ import numpy as np
 
 from . import exr, passes, program
 from .child import DONE, MISSED, CannotStart, Child, Progress, Update
-from .properties import preferred_program, wanted_passes
+from .properties import lacking_passes, preferred_program, wanted_passes
 from .translate import CannotTranslate, translate
 from .window import window_of
 
 LOOK = 0.05  # seconds between two looks at Esc
+# What the program remarks in words of scene files, by how it begins, in Blender's; empty: not at all.
+IN_BLENDERS_WORDS = {
+    "the scene has no [[volumes]]": "",
+    "one sample per pixel makes no two halves": "Samples is 1: two or more tell the cleaning how noisy the picture is",
+}
 
 
 class Problem(Exception):
@@ -85,14 +90,16 @@ class _Frame:
 
     def __init__(self, engine, depsgraph):
         self._engine, self._depsgraph = engine, depsgraph
-        self._scene = depsgraph.scene
-        self._layer = self._scene.view_layers[depsgraph.view_layer.name]
+        self._original, self._scene = depsgraph.scene, depsgraph.scene_eval  # whose settings may be animated
+        self._layer = self._original.view_layers[depsgraph.view_layer.name]
         self._window = window_of(self._scene.render, engine.resolution_x, engine.resolution_y)
         self._transparent = self._scene.render.film_transparent
         self._passes, unknown = wanted_passes(self._layer)
         if unknown:
             known = ", ".join((*passes.LAYERS, *passes.GIVEN))
             raise Problem(f"View layer {self._layer.name}: brume has no layer '{unknown[0]}'; it has {known}")
+        if lacking := lacking_passes(self._layer):
+            engine.say(f"View layer {self._layer.name}: brume has no pass {', '.join(lacking)}; there is none in the result")
         if self._scene.render.use_multiview:
             raise Problem("brume renders one eye; switch off Output Properties > Stereoscopy")
         self._result = None
@@ -118,7 +125,9 @@ class _Frame:
         with Child(path, self._arguments()) as child:
             status = self._listen(child)
             for remark in child.remarks():
-                self._engine.say(remark)
+                known = [words for begin, words in IN_BLENDERS_WORDS.items() if remark.startswith(begin)]
+                if known != [""]:
+                    self._engine.say(known[0] if known else remark)
             if status == MISSED:
                 self._engine.say(child.problem(status))
             elif status != DONE:
@@ -128,12 +137,13 @@ class _Frame:
     def _translate(self):
         translation = translate(
             self._depsgraph,
-            self._scene,
+            self._original,
             self._folder,
-            frame=self._scene.frame_current,
+            frame=self._original.frame_current,
             width=self._window.film_width,
             height=self._window.film_height,
             set_frame=self._engine.frame_set,
+            bakes=os.path.join(bpy.app.tempdir, "grids_baked_for_brume"),
         )
         for note in translation.notes:
             self._engine.say(note)

@@ -1,9 +1,12 @@
 """Panels of brume, and Blender's own that make sense with it."""
 
+import importlib
+
 import bpy
 
 from .operators import BRUME_OT_clean_animation
 from .presets import PRESETS, BRUME_OT_preset
+from .translate.meshes import MESH_LIKE
 
 ENGINE = "BRUME"
 
@@ -16,8 +19,9 @@ SHADERS = {
     "EEVEE_WORLD_PT_surface",
     "EEVEE_WORLD_PT_volume",
     "WORLD_PT_context_world",
-    "DATA_PT_EEVEE_light",
     "DATA_PT_spot",
+    "DATA_PT_camera_dof",
+    "DATA_PT_camera_dof_aperture",
 }
 # Of those that every engine is offered, what brume has no use for.
 USELESS = {
@@ -137,6 +141,56 @@ class BRUME_RENDER_PT_performance(_BrumePanel, bpy.types.Panel):
         row = layout.row()
         row.active = render.threads_mode == "FIXED"
         row.prop(render, "threads")
+        layout.prop(context.scene.brume, "bake_millions")
+
+
+class BRUME_LIGHT_PT_light(_BrumePanel, bpy.types.Panel):
+    bl_label = "Light"
+    bl_context = "data"
+    bl_order = -1
+
+    @classmethod
+    def poll(cls, context):
+        return context.light is not None and super().poll(context)
+
+    def draw(self, context):
+        layout, light = self.layout, context.light
+        layout.row().prop(light, "type", expand=True)
+        layout.use_property_split = True
+        col = layout.column()
+        for name in ("color", "use_temperature", "temperature", "energy", "exposure", "normalize"):
+            if hasattr(light, name):  # some since Blender 4.5
+                col.prop(light, name)
+        col = layout.column()
+        if light.type == "SUN":
+            col.prop(light, "angle")
+        elif light.type == "POINT":
+            col.prop(light, "shadow_soft_size", text="Radius")
+        elif light.type == "AREA":
+            col.prop(light, "shape")
+            two = light.shape in ("RECTANGLE", "ELLIPSE")
+            col.prop(light, "size", text="Size X" if two else "Size")
+            if two:
+                col.prop(light, "size_y", text="Y")
+        layout.prop(light, "use_nodes")
+
+
+class BRUME_OBJECT_PT_visibility(_BrumePanel, bpy.types.Panel):
+    bl_label = "Rays and Masks"
+    bl_context = "object"
+    bl_parent_id = "OBJECT_PT_visibility"
+
+    @classmethod
+    def poll(cls, context):
+        return context.object is not None and context.object.type in (*MESH_LIKE, "LIGHT") and super().poll(context)
+
+    def draw(self, context):
+        layout, thing = self.layout, context.object
+        layout.use_property_split = True
+        layout.prop(thing, "visible_camera", text="Camera")
+        if thing.type != "LIGHT":
+            layout.prop(thing, "is_holdout")
+            layout.prop(thing, "is_shadow_catcher")
 
 
 class BRUME_VIEWLAYER_PT_passes(_BrumePanel, bpy.types.Panel):
@@ -189,9 +243,35 @@ CLASSES = (
     BRUME_RENDER_PT_film,
     BRUME_RENDER_PT_motion_blur,
     BRUME_RENDER_PT_performance,
+    BRUME_LIGHT_PT_light,
+    BRUME_OBJECT_PT_visibility,
     BRUME_VIEWLAYER_PT_passes,
     BRUME_OUTPUT_PT_clean_animation,
 )
+
+
+# Where Blender decides by the engine which shader nodes its Add menu has.
+MENUS = ("nodeitems_builtins", "bl_ui.node_add_menu_shader")  # until 3.x, since 4.0
+ADDED = "eevee_cycles_shader_nodes_poll"  # function of those that both of its engines have
+
+
+def _has_shaders(context):
+    return context.engine in {"CYCLES", "BLENDER_EEVEE", "BLENDER_EEVEE_NEXT", "BRUME"}
+
+
+_codes = {}  # of Blender's functions, as they were
+
+
+def _offer_shaders():
+    """Puts brume among the engines of Blender's own functions, whose items refer to the functions themselves."""
+    for name in MENUS:
+        try:
+            function = getattr(importlib.import_module(name), ADDED, None)
+        except ImportError:
+            continue
+        if function is not None:
+            _codes[function] = function.__code__
+            function.__code__ = _has_shaders.__code__
 
 
 def register():
@@ -199,11 +279,16 @@ def register():
         bpy.utils.register_class(cls)
     for panel in bpy.types.Panel.__subclasses__():
         if _takes(panel):
-            panel.COMPAT_ENGINES.add(ENGINE)
+            panel.COMPAT_ENGINES = panel.COMPAT_ENGINES | {ENGINE}  # a set that other panels may share
+    _offer_shaders()
 
 
 def unregister():
+    for function, code in _codes.items():
+        function.__code__ = code
+    _codes.clear()
     for panel in bpy.types.Panel.__subclasses__():
-        getattr(panel, "COMPAT_ENGINES", set()).discard(ENGINE)
+        if ENGINE in getattr(panel, "COMPAT_ENGINES", ()):
+            panel.COMPAT_ENGINES = panel.COMPAT_ENGINES - {ENGINE}
     for cls in reversed(CLASSES):
         bpy.utils.unregister_class(cls)

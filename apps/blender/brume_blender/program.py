@@ -27,6 +27,8 @@ def find(preferred=""):
     for said, path in (("the add-on's preferences name", preferred), (f"{VARIABLE} names", os.environ.get(VARIABLE, ""))):
         if path:
             path = os.path.abspath(path)
+            if os.path.isfile(path) and not os.access(path, os.X_OK):
+                raise NoProgram(f"{said} {path}, which may not be executed: make it executable (chmod +x)")
             if not _runs(path):
                 raise NoProgram(f"{said} {path}, which is no program")
             return _checked(path)

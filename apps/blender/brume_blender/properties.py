@@ -4,6 +4,7 @@ import bpy
 from bpy.props import BoolProperty, FloatProperty, IntProperty, PointerProperty, StringProperty
 
 from . import passes, program
+from .translate.baking import MILLIONS
 
 DEFAULT_FILTER = "transport_regression"
 
@@ -65,6 +66,14 @@ class BrumeSceneSettings(bpy.types.PropertyGroup):
         description="The most that one path may bring after its first scattering, as in Cycles; 0: no limit, and no bias",
         default=10,
         min=0,
+    )
+    bake_millions: FloatProperty(
+        name="Baked Voxels",
+        description="Millions of voxels that what a volume shader's nodes compute is baked into at most, a volume",
+        default=MILLIONS,
+        min=0.01,
+        soft_max=256,
+        precision=0,
     )
     use_clean: BoolProperty(
         name="Clean",
@@ -130,6 +139,23 @@ def wanted_passes(view_layer):
     }
     extra, unknown = passes.extra_passes(own.extra_names())
     return [passes.COMBINED] + [passes.KNOWN[name] for name, on in switches.items() if on] + extra, unknown
+
+
+
+# Blender's passes that brume has none of, by the end of their switch's name.
+LACKING = {
+    "mist": "Mist", "vector": "Vector", "uv": "UV", "ambient_occlusion": "AO", "shadow": "Shadow", "object_index": "IndexOB",
+    "material_index": "IndexMA", "glossy_direct": "GlossDir", "glossy_indirect": "GlossInd", "glossy_color": "GlossCol",
+    "transmission_direct": "TransDir", "transmission_indirect": "TransInd", "transmission_color": "TransCol",
+    "subsurface_direct": "SubsurfaceDir", "subsurface_indirect": "SubsurfaceInd", "subsurface_color": "SubsurfaceCol",
+    "cryptomatte_object": "CryptoObject", "cryptomatte_material": "CryptoMaterial", "cryptomatte_asset": "CryptoAsset",
+}  # fmt: skip
+
+
+def lacking_passes(view_layer):
+    """Names of passes that a view layer asks for and that brume lacks."""
+    names = [name for switch, name in LACKING.items() if getattr(view_layer, "use_pass_" + switch, False)]
+    return names + [f"{aov.name} (AOV)" for aov in view_layer.aovs] + [f"{group.name} (light group)" for group in view_layer.lightgroups]
 
 
 CLASSES = (BrumePreferences, BrumeSceneSettings, BrumeViewLayerSettings)

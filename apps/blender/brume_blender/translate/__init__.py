@@ -7,23 +7,29 @@ things that it is about.
 Knows bpy, mathutils and NumPy alone.
 """
 
+import math
 from dataclasses import dataclass, field
 
 import bpy
+import numpy as np
+from mathutils import Vector
 
+from .baking import MILLIONS, bake
 from .camera import camera_of, camera_table, say_clipped
 from .files import Folder
 from .film import film_size, film_table, pixel_aspect_of
+from .fog import world_fog_table
 from .fluids import domain_of, domain_tables
 from .lights import light_table
 from .meshes import MESH_LIKE
 from .motion import motion_of
 from .notes import CannotTranslate, LeftOut, Notes
 from .placement import matrices_of
+from .places import Place
 from .surfaces import Surfaces
 from .toml_text import Table, toml_text
-from .volumes import file_of, volume_tables
-from .world import world_tables
+from .volumes import file_of, volume_shader_of, volume_tables
+from .world import world_of, world_tables
 
 __all__ = ["CannotTranslate", "Translation", "translate"]
 
@@ -42,18 +48,20 @@ class Translation:
     volumes: int = 0  # how many there are to render
 
 
-def translate(depsgraph, scene, folder, *, frame=None, width=None, height=None, set_frame=None, scene_folder=None):
+def translate(depsgraph, scene, folder, *, frame=None, width=None, height=None, set_frame=None, scene_folder=None, bakes=None):
     """Writes the meshes and pictures of a scene into a folder and returns the scene's text.
 
     @param depsgraph  evaluated, of a render or the viewport, at `frame`
+    @param scene      the original; its animated settings are read from the depsgraph's
     @param frame      the scene's own unless given
     @param width, height  of the film [px]; the scene's own unless given
     @param set_frame  function of (frame, subframe) that evaluates the depsgraph at another time, as RenderEngine.frame_set
                       and Scene.frame_set do: for motion blur, which is left out without it
     @param scene_folder  where the scene file is to lie, at which its names of files start; `folder` unless given
+    @param bakes  folder in which baked grids are kept for later renders; `folder` unless given
     @throws CannotTranslate: there is no camera, or one of which brume has no counterpart; a volume's file is not there
     """
-    files = Folder(folder, scene_folder)
+    files = Folder(folder, scene_folder, bakes)
     try:
         return _Translator(depsgraph, scene, files, frame, (width, height), set_frame).run()
     except CannotTranslate:
@@ -63,12 +71,20 @@ def translate(depsgraph, scene, folder, *, frame=None, width=None, height=None, 
 
 class _Translator:
     def __init__(self, depsgraph, scene, folder, frame, size, set_frame):
-        self._depsgraph, self._scene, self._folder = depsgraph, scene, folder
+        self._depsgraph, self._original, self._folder = depsgraph, scene, folder
         self._frame = scene.frame_current if frame is None else frame
-        own = film_size(scene)
+        stretch = scene.render.frame_map_old / scene.render.frame_map_new
+        self._frame_of_files = math.floor(self._frame * stretch)  # Time Stretching
+        own = film_size(self._scene)
         self._width, self._height = size[0] or own[0], size[1] or own[1]
         self._notes = Notes()
         self._set_frame = set_frame
+        self._reach = 0.0  # from the origin to what lies farthest from it
+
+    @property
+    def _scene(self):
+        """Evaluated, at the time at which the depsgraph is."""
+        return self._depsgraph.scene_eval
 
     def run(self):
         aspect = pixel_aspect_of(self._scene)
@@ -76,16 +92,20 @@ class _Translator:
         camera_of(self._depsgraph, self._scene)  # none, none at all
         self._motion = motion_of(self._depsgraph, self._scene, self._frame, self._set_frame, size, self._notes)
         self._layer = self._view_layer()
-        self._surfaces = Surfaces(self._folder, self._notes, self._layer)
+        self._surfaces = Surfaces(self._folder, self._notes, self._layer, self._bake)
         self._camera = camera_of(self._depsgraph, self._scene)
         head = [
             Table("[render]").set(frame=max(self._frame, 0)),
             camera_table(self._depsgraph, self._camera, self._motion, *size, self._notes),
             film_table(self._scene, self._width, self._height, self._notes),
-            *self._world(),
         ]
-        tables = self._objects()
-        text = "\n".join(["\n".join(self._comment()), f"name = {toml_text(self._scene.name)}\n", *(t.text() for t in head + tables)])
+        tables, far = self._objects(), self._world()
+        if (fog := self._world_fog()) is not None:
+            # Nothing from infinitely far away comes through it.
+            far = [Table("[environment]"), fog]
+            tables = [table for table in tables if not table.holds(type="sun")]
+        tables = head + far + tables
+        text = "\n".join(["\n".join(self._comment()), f"name = {toml_text(self._scene.name)}\n", *(t.text() for t in tables)])
         return Translation(
             text,
             self._notes.lines(),
@@ -96,14 +116,23 @@ class _Translator:
 
     def _world(self):
         try:
-            return world_tables(self._scene, self._layer, self._folder, self._notes)
+            return world_tables(self._depsgraph, self._scene, self._layer, self._folder, self._notes)
         except LeftOut as reason:
             self._notes.say(self._scene.world.name, f"the world is left out: {reason}")
             return [Table("[environment]")]
 
+    def _world_fog(self):
+        world = world_of(self._depsgraph, self._scene, self._layer)
+        reach = max(self._reach, self._camera.matrix_world.translation.length)
+        try:
+            return world_fog_table(world, self._depsgraph, reach, self._notes)
+        except LeftOut as reason:
+            self._notes.say(world.name, f"its volume is left out: {reason}")
+            return None
+
     def _view_layer(self):
         layer = self._depsgraph.view_layer
-        return self._scene.view_layers.get(layer.name, layer)
+        return self._original.view_layers.get(layer.name, layer)
 
     def _comment(self):
         source = " ".join(bpy.path.basename(bpy.data.filepath).split()) or "A scene"
@@ -125,7 +154,7 @@ class _Translator:
 
     def _materials(self, thing):
         override = self._layer.material_override
-        return [override] if override is not None else [slot.material for slot in thing.material_slots]
+        return [override.evaluated_get(self._depsgraph)] if override is not None else [slot.material for slot in thing.material_slots]
 
     def _object(self, instance, thing):
         kind = thing.type
@@ -149,17 +178,48 @@ class _Translator:
         if self._motion is not None and self._motion.deforms(thing):
             self._notes.say(thing.name, "its deformation is left out of the motion blur")
         if thing.type == "VOLUME":
+            self._say_visibility(thing)
             shutter = self._motion and self._motion.shutter
-            file = file_of(thing, instance.matrix_world, shutter, self._scene, self._frame)
+            file = file_of(thing, instance.matrix_world, shutter, self._scene, self._frame_of_files, self._folder)
             if file.grids is not None:
-                say_clipped(self._camera, thing.name, file.corners, instance.matrix_world, self._notes)
-            return volume_tables(thing, self._materials(thing), file, matrices, self._notes)
+                self._say_clipped(thing, file.corners, instance.matrix_world)
+            return volume_tables(thing, self._materials(thing), file, self._place(instance), self._bake, matrices, self._notes)
         self._say_particles(thing)
-        say_clipped(self._camera, thing.name, thing.bound_box, instance.matrix_world, self._notes)
+        self._say_clipped(thing, thing.bound_box, instance.matrix_world)
         domain = domain_of(thing)
+        if domain is not None or volume_shader_of(self._materials(thing)) is not None:
+            self._say_visibility(thing)
         if domain is not None:
-            return domain_tables(thing, self._materials(thing), domain, self._frame, matrices, self._motion, self._scene, self._notes)
-        return self._surfaces.tables(thing, self._materials(thing), matrices)
+            return domain_tables(
+                thing, self._materials(thing), domain, self._frame_of_files, self._place(instance, thing.bound_box), self._bake,
+                matrices, self._motion, self._scene, self._notes,
+            )  # fmt: skip
+        return self._surfaces.tables(thing, self._materials(thing), self._place(instance, thing.bound_box), matrices)
+
+    def _say_clipped(self, thing, corners, matrix):
+        self._reach = max([self._reach, *((matrix @ Vector(corner)).length for corner in corners)])
+        say_clipped(self._camera, thing.name, corners, matrix, self._notes)
+
+    def _place(self, instance, box=None):
+        """@param box  corners of the object's texture space; None: there is none"""
+        corners = np.array([corner[:] for corner in box]) if box is not None else None
+        box = None if corners is None else (corners.min(0), corners.max(0))
+        return Place(instance.object, instance.matrix_world, self._depsgraph, box, instance.random_id)
+
+    def _bake(self, shader, source):
+        settings = getattr(self._scene, "brume", None)
+        return bake(shader, source, self._folder, 1e6 * (settings.bake_millions if settings else MILLIONS), self._notes)
+
+    def _say_visibility(self, thing):
+        """Of a volume, or of the fog in a mesh."""
+        kinds = ("camera", "diffuse", "glossy", "transmission", "shadow")
+        unseen = [kind for kind in kinds if not getattr(thing, "visible_" + kind)]
+        if thing.original.indirect_only_get(view_layer=self._layer) and "camera" not in unseen:
+            unseen.insert(0, "camera")
+        if unseen:
+            self._notes.say(thing.name, f"its volume is seen by rays of every kind in brume, {' and '.join(unseen)} too")
+        if thing.is_holdout or thing.original.holdout_get(view_layer=self._layer):
+            self._notes.say(thing.name, "its volume is no holdout in brume; it is rendered")
 
     def _say_particles(self, thing):
         if any(system.settings.type == "HAIR" and system.settings.render_type == "PATH" for system in thing.particle_systems):

@@ -3,13 +3,17 @@
 import os
 import re
 
+MOST_BAKED = 4 << 30  # bytes of baked grids that are kept; the oldest go first
+
 
 class Folder:
-    """@param path  of the folder   @param scene_folder  at which the scene file's names start; the same unless given"""
+    """@param path  of the folder   @param scene_folder  at which the scene file's names start; the same unless given
+    @param bakes  folder that baked grids are kept in for later renders; the same unless given"""
 
-    def __init__(self, path, scene_folder=None):
+    def __init__(self, path, scene_folder=None, bakes=None):
         self._path = os.path.abspath(path)
         self._start = os.path.abspath(scene_folder or path)
+        self._bakes = bakes
         self._taken = set()
         self.files = []  # paths, in the order in which they were asked for
 
@@ -23,6 +27,26 @@ class Folder:
         self._taken.add(name.lower())
         self.files.append(os.path.join(self._path, name))
         return self.files[-1]
+
+    def bake(self, name, key):
+        """Path of baked grids, which may be there already. @param key  of what they are baked from, a word"""
+        if self._bakes is None:
+            return self.new(".vdb", name, "baked", key[:8])
+        os.makedirs(self._bakes, exist_ok=True)
+        path = os.path.join(self._bakes, key + ".vdb")
+        if os.path.exists(path):
+            os.utime(path)
+        self._forget_old_bakes()
+        return path
+
+    def _forget_old_bakes(self):
+        files = [entry for entry in os.scandir(self._bakes) if entry.name.endswith(".vdb")]
+        sizes = sorted(((entry.stat().st_mtime, entry.stat().st_size, entry.path) for entry in files), reverse=True)
+        total = 0
+        for _, size, path in sizes:
+            total += size
+            if total > MOST_BAKED:
+                os.remove(path)
 
     def remove(self):
         """The files that were written."""

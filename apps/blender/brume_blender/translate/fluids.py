@@ -6,6 +6,7 @@ import bpy
 import numpy as np
 from mathutils import Matrix, Vector
 
+from . import lattices
 from .nodes import output_of, tree_of
 from .notes import LeftOut
 from .toml_text import Table
@@ -29,7 +30,7 @@ def domain_of(thing):
 class FluidCache:
     """The files of a domain's cache at one frame, as volume_tables reads a VDB file."""
 
-    colours, factor = (), 1.0
+    colours, factor, least, virtual = (), 1.0, 0.0, False
 
     def __init__(self, thing, settings, frame, shutter, scene, notes):
         if settings.cache_data_format != "OPENVDB":
@@ -40,13 +41,14 @@ class FluidCache:
         points = np.array([v.co[:] for v in thing.data.vertices])
         self._lo, self._size = points.min(0), np.ptp(points, axis=0)
         self._cells = np.array(settings.domain_resolution, float)
-        self._velocity = None  # the file that has one
+        self._velocity = set()  # the files that have one
         self._files = {}  # path, name and voxel size in the file, cells of each grid
         self._add(os.path.join(folder, "data", f"fluid_data_{self._frame:04d}.vdb"), BASE, 1)
         if settings.use_noise:
             self._add(os.path.join(folder, "noise", f"fluid_noise_{self._frame:04d}.vdb"), NOISE, settings.noise_scale)
         self.grids = list(self._files)
         self.constants = self._colour(settings)  # which the files hold multiplied by the density
+        self.derived_from = (settings.flame_ignition, settings.flame_max_temp)
         self.derived = {"temperature": ("flame", _temperature(settings.flame_ignition, settings.flame_max_temp))}
         self._velocity_scale = None
         if shutter is not None:
@@ -63,7 +65,7 @@ class FluidCache:
             if stored in sizes:
                 self._files[grid] = (path, stored, sizes[stored], self._cells * finer)
         if "velocity" in sizes:
-            self._velocity = path
+            self._velocity.add(path)
 
     def _colour(self, settings):
         """The colour of the smoke: one for all of it."""
@@ -82,6 +84,34 @@ class FluidCache:
     def same_file(self, a, b):
         return self._files[a][0] == self._files[b][0]
 
+    def lattice(self, grid):
+        """@throws NoLattice"""
+        path, name, _, cells = self._files[grid]
+        stored = lattices.read(path, name, 0.5)
+        matrix = np.diag([*(self._size / cells), 1.0])
+        matrix[:3, 3] = self._lo
+        return stored.placed(matrix)
+
+    def state(self):
+        return [(path, os.stat(path).st_mtime_ns) for path, *_ in self._files.values()], self.derived_from, self._lo.tolist(), self._size.tolist()
+
+    def to_copy(self, colours):
+        path = next(iter(self._velocity), None)
+        return path, ["velocity"] if path is not None and self._velocity_scale is not None else []
+
+    def stored_matrix(self, matrix, k):
+        return np.diag([*[self._voxel() / k] * 3, 1.0])
+
+    def _voxel(self):
+        return min(voxel for _, _, voxel, _ in self._files.values())
+
+    def add_baked(self, path, grids, k, master):
+        for grid in grids:
+            cells = np.round(self._size / np.diag(master.matrix)[:3]) * k
+            self._files[grid] = (path, grid, self._voxel() / k, cells)
+        if self.to_copy(())[1]:
+            self._velocity.add(path)
+
     def table(self, matrices, grid):
         path, name, voxel, cells = self._files[grid]
         # The value of cell i is that at its middle; the domain's mesh is the box of all cells.
@@ -98,7 +128,7 @@ class FluidCache:
     def _set_velocity(self, table, path, cell, voxel):
         if self._velocity_scale is None:
             return
-        if self._velocity != path:
+        if path not in self._velocity:
             self._notes.say(self._name, "the noise of the fluid is in another file than its velocity: it stands still")
         else:
             if np.ptp(cell) > 0.01 * cell.max():
@@ -111,9 +141,9 @@ def _temperature(ignition, hottest):
     return lambda flame: np.where(np.asarray(flame) > 0.01, ignition + np.asarray(flame) * (hottest - ignition), 0.0)
 
 
-def domain_tables(thing, materials, settings, frame, matrices, motion, scene, notes):
+def domain_tables(thing, materials, settings, frame, place, bake, matrices, motion, scene, notes):
     """@throws LeftOut"""
     cache = FluidCache(thing, settings, frame, motion and motion.shutter, scene, notes)
     if any(m is not None and output_of(tree_of(m), "Surface") is not None for m in materials):
         notes.say(thing.name, "the surface of the fluid's domain is left out")
-    return volume_tables(thing, materials, cache, matrices, notes)
+    return volume_tables(thing, materials, cache, place, bake, matrices, notes)

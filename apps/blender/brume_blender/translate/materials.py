@@ -7,6 +7,7 @@ import numpy as np
 
 from .node_values import UnknownNode, Values
 from .nodes import output_of, tree_of
+from .pictures import pixels_of
 
 LEAST = 1e-3  # what weighs less, or emits less, is nothing
 
@@ -159,9 +160,14 @@ class _Shader:
         try:
             value = np.asarray(Values().colour(colour))
         except UnknownNode as unknown:
-            value = np.array(colour.socket.default_value[:3])
-            self._say(f"emits light coloured by {unknown}; its colour without is taken")
+            value = np.atleast_2d(Values(self._mean_of_image, lambda p, _: 0.5 if p.socket.type == "VALUE" else np.full(3, 0.5)).colour(colour)).mean(0)
+            self._say(f"emits light coloured by {unknown}; the mean of its image, or 0.5 for other textures, is taken")
         self._radiance = self._radiance + strength * np.maximum(value, 0)
+
+    def _mean_of_image(self, plug):
+        if plug.node.type != "TEX_IMAGE" or plug.node.image is None or plug.socket.name == "Alpha":
+            return None
+        return pixels_of(plug.node.image, self._notes, self._name).reshape(-1, 3).mean(0)
 
     def _transparency(self, plug, weight):
         self._transparent += weight

@@ -21,6 +21,8 @@ class Geometry:
         uses = np.bincount(_read(mesh.loops, "edge_index", 1, np.int32), minlength=len(mesh.edges))
         self.closed = bool(np.all(uses == 2))  # around an inside
         self._uv = {layer.name: _uv_of(layer) for layer in mesh.uv_layers}
+        self._colours = _colours_of(mesh, vertex_of_loop)
+        self._active_colour = getattr(getattr(mesh.color_attributes, "active_color", None), "name", None)
         self._active_uv = next((layer.name for layer in mesh.uv_layers if layer.active_render), None)
 
     def _corner_normals(self, mesh):
@@ -39,6 +41,19 @@ class Geometry:
         return self._uv.get(name or self._active_uv)
 
 
+    def colours(self, name):
+        """(loops, 4) of a colour attribute, linear, the active one where the name is empty; None: there is none."""
+        return self._colours.get(name or self._active_colour)
+
+
+def _colours_of(mesh, vertex_of_loop):
+    found = {}
+    for attribute in mesh.color_attributes:
+        values = _read(attribute.data, "color", 4, np.float32)
+        found[attribute.name] = values[vertex_of_loop] if attribute.domain == "POINT" else values
+    return found
+
+
 def _uv_of(layer):
     if hasattr(layer, "uv"):  # Blender 3.5
         return _read(layer.uv, "vector", 2, np.float32)
@@ -53,7 +68,7 @@ def _read(items, name, size, kind):
 
 def write_ply(path, geometry, chosen, uv):
     """The chosen triangles, a vertex for each different corner. @param chosen  truth for each triangle
-    @param uv  (loops, 2), or None"""
+    @param uv  of their corners, (triangles, 3, 2), or None"""
     loops, vertices = geometry.loops[chosen].ravel(), geometry.vertices[chosen].ravel()
     names, columns = ["x", "y", "z"], [geometry.points[vertices]]
     if geometry.normals is not None:
@@ -61,7 +76,7 @@ def write_ply(path, geometry, chosen, uv):
         columns.append(geometry.normals[loops])
     if uv is not None:
         names += ["u", "v"]
-        columns.append(uv[loops])
+        columns.append(uv.reshape(-1, 2))
     corners = np.ascontiguousarray(np.concatenate(columns, 1), np.float32)
     if len(columns) == 1:
         used, index = np.unique(vertices, return_inverse=True)

@@ -8,6 +8,7 @@ import numpy as np
 
 from . import node_maths
 from .colour import blackbody, hsv_from_rgb, luminance, rgb_from_hsv
+from .texture_nodes import TEXTURES, Unsupported
 
 TABLE = 256  # entries of a ramp or curve, as Cycles has them
 
@@ -18,10 +19,12 @@ class UnknownNode(Exception):
 
 class Values:
     """@param leaves  function of a plug whose node depends on the point: an array of (N,) or (N, 3); None: it is no leaf.
-    It may raise UnknownNode."""
+    It may raise UnknownNode, and may have a method generated(), the texture coordinates of nodes that are given none.
+    @param unknown  function of a plug without a counterpart and of that node's name, which gives the value to take; None:
+    UnknownNode is raised"""
 
-    def __init__(self, leaves=lambda plug: None):
-        self._leaves, self._known = leaves, {}
+    def __init__(self, leaves=lambda plug: None, unknown=None):
+        self._leaves, self._unknown, self._known = leaves, unknown, {}
 
     def number(self, plug):
         """A socket as an array of (N,), or a number where it is the same for all points."""
@@ -52,14 +55,25 @@ class Values:
             self._known[key] = self._computed(source)
         return self._known[key], kind
 
+    def generated(self, plug):
+        """Texture coordinates of a node that is given none. @throws UnknownNode"""
+        if not hasattr(self._leaves, "generated"):
+            raise UnknownNode(plug.node.bl_label)
+        return self._leaves.generated()
+
     def _computed(self, plug):
-        leaf = self._leaves(plug)
-        if leaf is not None:
-            return leaf
-        compute = NODES.get(plug.node.type)
-        if compute is None:
-            raise UnknownNode(plug.node.bl_label or plug.node.bl_idname)
-        return compute(self, plug)
+        try:
+            leaf = self._leaves(plug)
+            if leaf is not None:
+                return leaf
+            compute = NODES.get(plug.node.type)
+            if compute is None:
+                raise UnknownNode(plug.node.bl_label or plug.node.bl_idname)
+            return compute(self, plug)
+        except (UnknownNode, Unsupported) as unknown:
+            if self._unknown is None:
+                raise UnknownNode(str(unknown)) from None
+            return self._unknown(plug, str(unknown))
 
 
 # Each takes the evaluator and the output's plug.
@@ -130,7 +144,8 @@ def _blended(node, factor, a, b, clamp):
 def _looked_up(table, x):
     """Linear between entries that lie evenly on [0, 1], constant beyond."""
     at = np.clip(x, 0, 1) * (len(table) - 1)
-    return np.stack([np.interp(at, np.arange(len(table)), table[:, c]) for c in range(table.shape[1])], -1)
+    low = np.minimum(at.astype(int), len(table) - 2)
+    return table[low] + (at - low)[..., None] * (table[low + 1] - table[low])
 
 
 def _colour_ramp(values, plug):
@@ -307,4 +322,5 @@ NODES = {
     "COMBHSV": _combine,
     "COMBINE_COLOR": _combine,
     "MAPPING": _mapping,
+    **TEXTURES,
 }

@@ -70,6 +70,40 @@ def _same(sockets, socket, groups):
     return None
 
 
+# Properties of a node that change nothing but its looks.
+LOOKS = {
+    "location", "width", "width_hidden", "height", "select", "color", "use_custom_color", "hide", "label", "show_options",
+    "show_preview", "show_texture", "parent", "dimensions",
+}  # fmt: skip
+
+
+def signature(tree):
+    """Text that is the same for trees that compute the same: nodes with all their settings, and wires."""
+    if tree is None:
+        return ""
+    lines = []
+    for node in tree.nodes:
+        words = [node.bl_idname]
+        for known in node.bl_rna.properties:
+            if known.identifier not in LOOKS and known.type not in ("COLLECTION",):
+                value = getattr(node, known.identifier, None)
+                if known.type == "POINTER":
+                    value = getattr(value, "name_full", None)
+                words.append(f"{known.identifier}={tuple(value) if hasattr(value, '__len__') and not isinstance(value, str) else value}")
+        if hasattr(node, "color_ramp"):
+            ramp = node.color_ramp
+            words += [ramp.interpolation, ramp.color_mode, *(f"{e.position} {tuple(e.color)}" for e in ramp.elements)]
+        if hasattr(node, "mapping") and hasattr(node.mapping, "curves"):
+            words += [f"{p.location[:]} {p.handle_type}" for curve in node.mapping.curves for p in curve.points]
+        for socket in node.inputs:
+            value = getattr(socket, "default_value", None)
+            words.append(str(value[:] if hasattr(value, "__len__") else value))
+        words.append(signature(getattr(node, "node_tree", None)))
+        lines.append(" ".join(words))
+    lines += [f"{l.from_node.name} {l.from_socket.identifier} {l.to_node.name} {l.to_socket.identifier}" for l in tree.links]
+    return "\n".join(lines)
+
+
 def tree_of(block):
     """The node tree that shades a material, world or light; None: none does. Since Blender 5 all of them use nodes."""
     return block.node_tree if block.use_nodes else None

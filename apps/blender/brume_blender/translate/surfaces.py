@@ -2,10 +2,11 @@
 
 import numpy as np
 
-from .fog import fog_table
+from .fog import fog_tables
 from .materials import surface_of
 from .meshes import Geometry, write_ply
 from .notes import LeftOut
+from .surface_points import Surface
 from .textures import Textures
 from .toml_text import Table
 from .volumes import volume_shader_of
@@ -14,7 +15,8 @@ from .volumes import volume_shader_of
 class Surfaces:
     """Writes each mesh once, however many instances it has."""
 
-    def __init__(self, folder, notes, view_layer):
+    def __init__(self, folder, notes, view_layer, bake):
+        self._bake = bake  # baking.bake, of a shader and its source
         self._folder, self._notes, self._view_layer = folder, notes, view_layer
         self._textures = Textures(folder, notes)
         self._geometries, self._written, self._surfaces = {}, {}, {}
@@ -32,7 +34,7 @@ class Surfaces:
             self._geometries[key] = geometry
         return key, self._geometries[key]
 
-    def tables(self, thing, materials, matrices):
+    def tables(self, thing, materials, place, matrices):
         """[[surfaces]] of an instance, one for each of its materials that has faces, and [[volumes]] of its fog.
         @param materials  of its slots
         @param matrices  (as the shutter opens, as it closes), the second None where it stands still"""
@@ -43,23 +45,23 @@ class Surfaces:
         fog = volume_shader_of(materials)
         if fog is not None:
             try:
-                tables.append(fog_table(thing, fog, geometry.points, matrices, self._notes))
+                tables += fog_tables(thing, fog, geometry, place, self._bake, matrices, self._notes)
             except LeftOut as reason:
                 self._notes.say(thing.name, f"its fog is left out: {reason}")
         slots = np.minimum(geometry.materials, max(len(materials) - 1, 0))
         for slot in np.unique(slots):
             material = materials[slot] if materials else None
-            tables += self._surface(thing, key, geometry, (int(slot), len(materials), slots == slot), material, matrices)
+            tables += self._surface(thing, key, geometry, (int(slot), len(materials), slots == slot), material, place, matrices)
         return tables
 
-    def _surface(self, thing, key, geometry, part, material, matrices):
+    def _surface(self, thing, key, geometry, part, material, place, matrices):
         """@param part  the material's slot, of how many, and which triangles are of it"""
         surface = self._surface_of(material)
         if surface.invisible:
             if material is not None and volume_shader_of([material]) is None:
                 self._notes.say(thing.name, "is transparent, which is left out as if it were not there")
             return []
-        colour, texture = self._colour_of(thing, surface, material, geometry)
+        colour, texture = self._colour_of(thing, (key, part[0]), surface, material, geometry, part[2], place)
         path = self._mesh(thing, key, geometry, part, texture)
         table = Table("[[surfaces]]").set(file=self._folder.named(path), object_to_world=matrices[0])
         if matrices[1] is not None:
@@ -80,23 +82,26 @@ class Surfaces:
             self._surfaces[key] = surface_of(material, self._notes)
         return self._surfaces[key]
 
-    def _colour_of(self, thing, surface, material, geometry):
+    def _colour_of(self, thing, key, surface, material, geometry, chosen, place):
         """(colour, Texture or None)"""
         if surface.bsdf is None or isinstance(surface.bsdf.colour, list):
             return surface.bsdf and surface.bsdf.colour, None
-        colour, texture = self._textures.of(surface.bsdf.colour, material.name)
-        if texture is not None and geometry.uv(texture.uv_map) is None:
+        where = Surface(geometry, chosen, key, place, self._notes, material.name)
+        colour, texture = self._textures.of(surface.bsdf.colour, material.name, where)
+        if texture is not None and texture.atlas is None and geometry.uv(texture.uv_map) is None:
             self._notes.say(thing.name, "has no UV map for the image on its base colour; it is left out")
             texture = None
         return colour, texture
 
     def _mesh(self, thing, key, geometry, part, texture):
         slot, slots, chosen = part
-        where = (key, slot, slots, texture and (texture.uv_map, texture.matrix.tobytes(), texture.offset.tobytes()))
+        where = (key, slot, slots, texture and texture.placement())
         if where not in self._written:
             uv = None
-            if texture is not None:
-                uv = (geometry.uv(texture.uv_map) @ texture.matrix.T + texture.offset).astype(np.float32)
+            if texture is not None and texture.atlas is not None:
+                uv = texture.atlas.uv()
+            elif texture is not None:
+                uv = (geometry.uv(texture.uv_map) @ texture.matrix.T + texture.offset)[geometry.loops[chosen]]
             path = self._folder.new(".ply", thing.data.name if thing.data else thing.name, str(slot))
             write_ply(path, geometry, chosen, uv)
             self._written[where] = path

@@ -7,15 +7,59 @@ import numpy as np
 from .node_values import UnknownNode, Values
 from .pictures import NoPicture, file_of, is_linear, pixels_of, write_exr
 
+PROBES = 256  # points by which colours are told apart
+TEXELS = 1 << 18  # of a picture of triangles, unless these are more
+STAND_IN = 0.5  # for nodes without a counterpart
+
+
+class Atlas:
+    """A picture in which each triangle has n x n texels: its corners are the middles of the first one, the last of the first row, and
+    the first of the last row."""
+
+    def __init__(self, triangles, texels):
+        self._count = triangles
+        self._n = int(min(max((texels / triangles) ** 0.5, 2), 512))
+        self._across = int(np.ceil(triangles**0.5))
+        self._down = -(-triangles // self._across)
+
+    def key(self):
+        return self._count, self._n
+
+    def points(self, triangles):
+        """(triangles, weights of their corners) of the texels, triangle by triangle. @param triangles  their numbers"""
+        steps = np.arange(self._n) / (self._n - 1)
+        v, u = (a.ravel() for a in np.meshgrid(steps, steps, indexing="ij"))
+        return np.repeat(triangles, self._n**2), np.tile(np.stack([1 - u - v, u, v], -1), (len(triangles), 1))
+
+    def picture(self, colours):
+        n, across, down = self._n, self._across, self._down
+        cells = np.zeros((across * down, n, n, 3), np.float32)
+        cells[: self._count] = colours.reshape(-1, n, n, 3)
+        return cells.reshape(down, across, n, n, 3).transpose(0, 2, 1, 3, 4).reshape(down * n, across * n, 3)
+
+    def uv(self):
+        """Of the triangles' corners, (triangles, 3, 2)."""
+        row, column = np.divmod(np.arange(self._count), self._across)
+        first = np.stack([column, row], -1)[:, None, :] * self._n + 0.5
+        corners = first + np.array([[0, 0], [1, 0], [0, 1]]) * (self._n - 1)
+        uv = corners / (self._n * np.array([self._across, self._down]))
+        uv[..., 1] = 1 - uv[..., 1]
+        return uv
+
 
 @dataclass
 class Texture:
-    """A picture, and where it lies: uv = matrix * map(uv) + offset."""
+    """A picture, and where it lies: uv = matrix * map(uv) + offset, or by an atlas of the triangles."""
 
     path: str
-    uv_map: str
-    matrix: np.ndarray
-    offset: np.ndarray
+    uv_map: str = ""
+    matrix: np.ndarray = None
+    offset: np.ndarray = None
+    atlas: object = None
+
+    def placement(self):
+        """Equal where a mesh's corners are at the same place of the picture."""
+        return self.atlas.key() if self.atlas is not None else (self.uv_map, self.matrix.tobytes(), self.offset.tobytes())
 
 
 class Textures:
@@ -25,8 +69,8 @@ class Textures:
         self._folder, self._notes = folder, notes
         self._written = {}
 
-    def of(self, plug, name):
-        """(colour, Texture or None) of a colour's plug."""
+    def of(self, plug, name, surface):
+        """(colour, Texture or None) of a colour's plug. @param surface  surface_points.Surface, for what is no picture"""
         try:
             colour = np.asarray(Values().colour(plug))
             if colour.ndim == 1:
@@ -35,13 +79,33 @@ class Textures:
             pass
         try:
             return np.ones(3), self._texture(plug, name)
-        except (UnknownNode, NoPicture) as unknown:
-            default = np.array(plug.socket.default_value[:3])
-            self._notes.say(
-                name,
-                f"the material's '{plug.socket.name}' depends on {unknown}, which brume lacks; {[round(float(c), 3) for c in default]} is taken",
-            )
-            return np.clip(default, 0, 1), None
+        except (UnknownNode, NoPicture):
+            return self._baked(plug, name, surface)
+
+    def _baked(self, plug, name, surface):
+        """Texels of each triangle for itself."""
+        stand_ins = []
+
+        def stand_in(p, lacking):
+            stand_ins.append(lacking)
+            return STAND_IN if p.socket.type == "VALUE" else np.full(3, STAND_IN)
+
+        def colours(triangles, weights):
+            values = Values(surface.at(triangles, weights), stand_in).colour(plug)
+            return np.clip(np.broadcast_to(values, (len(triangles), 3)), 0, 1).astype(np.float32)
+
+        probed = colours(*surface.spread(PROBES))
+        if stand_ins:
+            self._notes.say(name, f"the material's '{plug.socket.name}' depends on {stand_ins[0]}, which brume lacks; {STAND_IN} is taken for it")
+        if np.ptp(probed, axis=0).max() < 1e-6:
+            return probed[0].astype(float), None
+        key = (surface.key, plug.key(), probed.tobytes())
+        if key not in self._written:
+            atlas = Atlas(surface.count, TEXELS)
+            path = self._folder.new(".exr", "texture", name)
+            write_exr(path, atlas.picture(colours(*atlas.points(surface.triangles))))
+            self._written[key] = Texture(path, atlas=atlas)
+        return np.ones(3), self._written[key]
 
     def _texture(self, plug, name):
         """@throws UnknownNode, NoPicture"""

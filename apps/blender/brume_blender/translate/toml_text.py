@@ -32,5 +32,8 @@ class Table:
             self._lines[key] = f"{key} = {toml_text(value)}"
         return self
 
+    def holds(self, **keys):
+        return all(self._lines.get(key) == f"{key} = {toml_text(value)}" for key, value in keys.items())
+
     def text(self):
         return "\n".join([self.header, *self._lines.values()]) + "\n"

@@ -84,15 +84,14 @@ def _scaled(values, colour):
     return [[STORED[i], values[i] / unit] for i in kept], unit * colour
 
 
-def media(shader, grids, name, notes):
-    """Parts for what a shader scatters and absorbs. @throws LeftOut"""
-    parts = []
-    for closure in shader.closures:
-        if closure.kind not in ("scatter", "absorption"):
-            continue
-        for part in _media_of(shader, closure, grids, name, notes):
-            _merge(parts, part)
-    return parts
+def media(shader, closures, grids, name, notes):
+    """Parts for what a shader's closures scatter and absorb. @throws LeftOut"""
+    return [
+        part
+        for closure in closures
+        if closure.kind in ("scatter", "absorption")
+        for part in _media_of(shader, closure, grids, name, notes)
+    ]
 
 
 def _media_of(shader, closure, grids, name, notes):
@@ -127,8 +126,15 @@ def _driver(shader, closure, grids, name, notes):
     return used[0]
 
 
+def merged(parts):
+    """With those of the same grid and curve as one: absorption to any, scatterings while they have two lobes."""
+    made = []
+    for part in parts:
+        _merge(made, part)
+    return made
+
+
 def _merge(parts, part):
-    """Adds a part to one of the same grid and curve: absorption to any, scatterings while they have two lobes."""
     for other in parts:
         if other.grid != part.grid or other.curve != part.curve:
             continue
@@ -195,10 +201,10 @@ class Glow:
             table.set(blackbody_intensity=self.intensity, blackbody_law="stefan_boltzmann")
 
 
-def glows(shader, name, notes):
-    """A Glow for each grid by which a shader emits."""
+def glows(shader, closures, name, notes):
+    """A Glow for each grid by which a shader's closures emit."""
     sums = {}
-    for closure in shader.closures:
+    for closure in closures:
         if closure.kind not in ("emission", "black_body"):
             continue
         used = shader.used(closure)

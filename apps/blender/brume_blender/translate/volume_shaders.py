@@ -2,7 +2,7 @@
 
 Principled Volume, Volume Scatter, Volume Absorption, Emission, sums and mixtures of them: each becomes closures, whose
 coefficient [1 / scene unit] a `Values` evaluates for any values of the grids. What drives a shader that is no grid, no
-number and no node of node_values is said, and its value without that node taken.
+number and no node of node_values is said, and a number taken for what it gives.
 """
 
 from dataclasses import dataclass
@@ -15,6 +15,8 @@ from .node_values import UnknownNode, Values
 
 SIGMA = 5.670373e-8 * 1e-6 / np.pi  # Stefan and Boltzmann's, in Blender's units of brightness
 OTHER_PHASES = {"RAYLEIGH": 0.0, "MIE": 0.87, "FOURNIER_FORAND": 0.92}  # mean cosines of those without an anisotropy
+POINTWISE = ("TEX_COORD", "NEW_GEOMETRY")  # nodes whose outputs differ from point to point
+STAND_IN = 0.5  # for nodes without a counterpart
 INFO_GRIDS = {"Color": "color", "Density": "density", "Flame": "flame", "Temperature": "temperature"}
 
 
@@ -32,32 +34,52 @@ class Closure:
 
 
 class GridValues:
-    """Leaves of volume shaders: the grids' values, and which were asked for.
-    @param values   array for every grid of numbers   @param colours  names of the grids of colours
-    @param derived  by name: (grid, function of its values), for attributes that are no grids"""
+    """Leaves of volume shaders: the grids' values and what a place gives at points, and which were asked for.
+    @param values    arrays by the grid's name: (N,) of numbers, (N, 3) of colours
+    @param derived   by name: (grid, function of its values), for attributes that are no grids
+    @param place     a Place, or None: nothing depends on it   @param points  (N, 3); None: the origin"""
 
-    def __init__(self, values, colours=(), derived=None):
-        self._values, self._colours, self._derived = values, colours, derived or {}
-        self.asked = set()
+    def __init__(self, values, constants, derived, place, points=None):
+        self._values, self._constants, self._derived = values, constants, derived
+        self._place, self._points = place, np.zeros(3) if points is None else points
+        self.asked, self.missing, self.asked_points = set(), set(), False
 
     def __call__(self, plug):
         name = grid_of(plug)
         if name is None:
-            return None
-        if name in self._colours:
-            raise UnknownNode(f"the grid of colours '{name}' inside nodes")
-        value = self.value(name)
-        return value if plug.socket.type == "VALUE" else np.repeat(np.asarray(value)[..., None], 3, -1)
+            return self._at_place(plug)
+        if not self.has(name) and plug.node.type == "ATTRIBUTE":
+            self.missing.add(name)
+        value = np.asarray(self.value(name))
+        is_colour = name in self._constants or value.ndim == 2
+        if plug.socket.type == "VALUE":
+            return value.mean(-1) if is_colour else value
+        return value if is_colour else np.repeat(value[..., None], 3, -1)
+
+    def _at_place(self, plug):
+        value = self._place.leaf(plug, self._points) if self._place is not None else None
+        if value is not None and plug.node.type in POINTWISE:
+            self.asked_points = True
+        return value
+
+    def generated(self):
+        self.asked_points = True
+        return self._place.generated(self._points)
+
+    def has(self, name):
+        return name in self._values or name in self._derived or name in self._constants
 
     def value(self, name):
         """0 for grids that are not there, as in Blender."""
+        if name in self._constants:
+            return self._constants[name]
+        if name in self._values:  # of attributes that are no grids, too, where they were computed before
+            self.asked.add(name)
+            return self._values[name]
         if name in self._derived:
             grid, function = self._derived[name]
             return function(self.value(grid))
-        if name not in self._values:
-            return 0.0
-        self.asked.add(name)
-        return self._values[name]
+        return 0.0
 
 
 def grid_of(plug):
@@ -73,37 +95,70 @@ def grid_of(plug):
 class VolumeShader:
     """Closures of a shader. @param plug  what the output node's Volume is; None: Principled Volume as it is from the start,
     which is Blender's default   @param source  of its grids: GridFile, or
-    none (fog in a mesh)"""
+    none (fog in a mesh)   @param place  a Place"""
 
-    def __init__(self, plug, name, source, notes):
-        self._name, self._notes = name, notes
+    def __init__(self, plug, name, source, place, notes):
+        self.name, self._place, self._notes = name, place, notes
         self._grids, self._colours, self._constants, self._derived = (
             (source.grids, source.colours, source.constants, source.derived) if source is not None else ([], [], {}, {})
         )
+        self._missing = set()
         self.closures = []
+        self.tree = plug.node.id_data if plug is not None else None  # of the material, or of a group in it
         factor = source.factor if source is not None else 1.0
         if plug is not None:
             self._collect(plug.resolve(), lambda values: factor)
+            self._say_what_is_missing()
             return
         self._add("scatter", lambda _, leaves: _times(leaves.value("density"), np.full(3, 0.5 * factor)))
         self._add("absorption", lambda _, leaves: _times(leaves.value("density"), np.full(3, 0.5 * factor)))
 
+    def _say_what_is_missing(self):
+        for name in sorted(self._missing) if self._grids else ():
+            there = ", ".join([*self._grids, *self._colours, *self._derived]) or "none"
+            self._notes.say(self.name, f"its shader asks for the grid '{name}', which there is not: it is 0; there are: {there}")
+        if self._place is not None and self._place.paths:
+            self._notes.say(self.name, "its volume is the same for rays of every kind: what Light Path tells is 0")
+
     def used(self, closure):
         """The grids that a coefficient depends on."""
         leaves = self._leaves(np.ones(1))
-        closure.coefficient(Values(leaves), leaves)
+        closure.coefficient(self._values(leaves), leaves)
         return sorted(leaves.asked)
 
-    def evaluate(self, closure, values):
-        """(N, 3), or (N,) of a black body. @param values  array of (N,) for every grid that it depends on"""
-        leaves = GridValues(values, self._colours, self._derived)
-        result = np.asarray(closure.coefficient(Values(leaves), leaves), float)
-        count = len(next(iter(values.values()))) if values else 1
+    def bends_space(self, closure):
+        """Whether a coefficient depends on where it is asked for, beside the grids."""
+        leaves = self._leaves(np.ones(1))
+        closure.coefficient(self._values(leaves), leaves)
+        return leaves.asked_points
+
+    def evaluate(self, closure, values, points=None):
+        """(N, 3), or (N,) of a black body. @param values  array of (N,) for every grid that it depends on
+        @param points  in the object's space, (N, 3)"""
+        leaves = GridValues(values, self._constants, self._derived, self._place, points)
+        result = np.asarray(closure.coefficient(self._values(leaves), leaves), float)
+        count = len(points) if points is not None else len(next(iter(values.values()))) if values else 1
         return np.broadcast_to(result, (count,) if closure.kind == "black_body" else (count, 3))
+
+    def is_linear(self, closure, grid):
+        """Whether a coefficient is a multiple of a grid."""
+        x = np.array([1e-4, 1e-3, 0.01, 0.1, 0.3, 0.5, 0.7, 0.9, 1.0, 3.0, 100.0])
+        y = self.evaluate(closure, {grid: x})
+        return np.allclose(y / x[:, None], y[-1] / x[-1], rtol=1e-5, atol=0)
 
     def _leaves(self, value):
         """All grids at the same values."""
-        return GridValues({grid: value for grid in self._grids}, self._colours, self._derived)
+        values = {grid: value for grid in self._grids}
+        values.update({grid: np.repeat(value[:, None], 3, -1) for grid in self._colours})
+        return GridValues(values, self._constants, self._derived, self._place)
+
+    def _values(self, leaves):
+        return Values(leaves, self._stand_in)
+
+    def _stand_in(self, plug, lacking):
+        """For what a node without a counterpart gives: the middle of what most give."""
+        self._notes.say(self.name, f"its volume depends on {lacking}, which brume lacks; {STAND_IN} is taken for it")
+        return STAND_IN if plug.socket.type == "VALUE" else np.full(3, STAND_IN)
 
     def _has(self, name):
         return name in self._grids or name in self._derived
@@ -123,24 +178,17 @@ class VolumeShader:
         elif node.type in _CLOSURES:
             _CLOSURES[node.type](self, plug, weight)
         else:
-            self._notes.say(self._name, f"the volume shader {node.bl_label} is left out")
+            self._notes.say(self.name, f"the volume shader {node.bl_label} is left out")
 
     def _add(self, kind, coefficient, g=0.0, colour_grid=""):
         self.closures.append(Closure(kind, coefficient, g, colour_grid))
 
     def _read(self, plug, size):
         """A function of a Values for an input."""
-        try:
-            trial = Values(self._leaves(np.ones(1)))
-            trial.number(plug) if size == 1 else trial.colour(plug)
-        except UnknownNode as unknown:
-            default = getattr(plug.socket, "default_value", 0.0)
-            text = [round(c, 4) for c in default[:3]] if hasattr(default, "__len__") else round(default, 4)
-            self._notes.say(
-                self._name, f"'{plug.socket.name}' of its volume depends on {unknown}, which brume lacks; {text} is taken"
-            )
-            fixed = np.array(default[:3]) if hasattr(default, "__len__") else default
-            return lambda values: fixed
+        leaves = self._leaves(np.ones(1))
+        trial = self._values(leaves)
+        trial.number(plug) if size == 1 else trial.colour(plug)
+        self._missing |= leaves.missing
         return (lambda values: values.number(plug)) if size == 1 else (lambda values: values.colour(plug))
 
     def _number(self, plug):
@@ -158,9 +206,10 @@ class VolumeShader:
 
     def _fixed(self, plug):
         """A number that is the same everywhere: brume's phase functions are."""
-        value = np.atleast_1d(self._number(plug)(Values(self._leaves(np.linspace(0, 1, 5)))))
-        if np.ptp(value):
-            self._notes.say(self._name, f"'{plug.socket.name}' of its volume varies; its mean, {value.mean():.4g}, is taken")
+        leaves = self._leaves(np.linspace(0, 1, 5))
+        value = np.atleast_1d(self._number(plug)(self._values(leaves)))
+        if np.ptp(value) or leaves.asked_points:
+            self._notes.say(self.name, f"'{plug.socket.name}' of its volume varies; its mean, {value.mean():.4g}, is taken")
         return float(value.mean())
 
     def _scatter(self, plug, weight):
@@ -176,7 +225,7 @@ class VolumeShader:
         g = self._fixed(plug.input("Anisotropy")) if g is None else g
         if phase != "HENYEY_GREENSTEIN":
             name = phase.replace("_", " ").title()
-            self._notes.say(self._name, f"its phase function {name} is Henyey and Greenstein's, of an anisotropy of {g:.3g}")
+            self._notes.say(self.name, f"its phase function {name} is Henyey and Greenstein's, of an anisotropy of {g:.3g}")
         return g
 
     def _absorption(self, plug, weight):
@@ -193,6 +242,8 @@ class VolumeShader:
         plugged, g = self._number(plug.input("Density")), self._fixed(plug.input("Anisotropy"))
         plugged_colour, colour_grid = self._colour(plug.input("Color"))
         tint = self._constants.get(attribute["Color"], 1.0)
+        if attribute["Density"] not in ("", "density") and not self._has(attribute["Density"]):
+            self._missing.add(attribute["Density"])
         if attribute["Color"] in self._colours:
             colour_grid = attribute["Color"]
 
@@ -230,9 +281,10 @@ class VolumeShader:
             power = np.where(share > 0, SIGMA * (1 - share + share * t**4), 0)
             return _times(weight(values) * power, tint(values) * np.maximum(blackbody(t), 0))
 
-        trial = Values(self._leaves(np.linspace(0, 1, 5)))
+        leaves = self._leaves(np.linspace(0, 1, 5))
+        trial = self._values(leaves)
         strengths = np.atleast_1d(weight(trial) * intensity(trial))
-        if np.ptp(strengths) == 0 and np.all(tint(trial) == 1):
+        if np.ptp(strengths) == 0 and np.all(tint(trial) == 1) and not leaves.asked_points:
             if strengths[0] > 0:
                 self.closures.append(Closure("black_body", kelvin, intensity=float(strengths[0])))
         else:

@@ -6,11 +6,11 @@ import re
 import bpy
 import numpy as np
 
-from . import vdb_header
+from . import lattices, vdb_header
 from .nodes import output_of, tree_of
 from .notes import CannotTranslate, LeftOut
 from .toml_text import Table
-from .volume_parts import glows, media, set_medium
+from .volume_parts import glows, media, merged, set_medium
 from .volume_shaders import VolumeShader
 
 # Until then Cycles put a voxel's value into the middle of its far corner's cell (measured with 3.4).
@@ -21,15 +21,20 @@ COLOUR_TYPES = ("vec3s", "vec3d", "vec3i")
 class GridFile:
     """A VDB file, and how it lies in the world."""
 
-    def __init__(self, path, grids, colours=(), index_offset=0.0, velocity=None, corners=(), factor=1.0):
+    virtual = False  # grids that are in no file until they are baked
+
+    def __init__(self, path, grids, colours=(), index_offset=0.0, velocity=None, corners=(), factor=1.0, least=0.0):
         """@param velocity  (grid, world units of the file per frame for one unit of it), or None
         @param corners  of the boxes around its grids of numbers, in the file's space
-        @param factor  on all that its shader computes"""
+        @param factor  on all that its shader computes
+        @param least  value up to which Cycles takes voxels as empty"""
         self.path, self.grids, self.colours = path, grids, colours
         self.index_offset, self.velocity = index_offset, velocity
         self.corners, self.factor = corners, factor
         self.constants = {}  # colours by name that are the same everywhere
         self.derived = {}  # (grid, function of its values) by the name of an attribute that is no grid
+        self.least = least
+        self._baked = {}  # path by the name of a baked grid
 
     def stored(self, grid):
         """A grid's name in its file."""
@@ -37,11 +42,30 @@ class GridFile:
 
     def same_file(self, a, b):
         """Whether two grids are in one file."""
-        return True
+        return self._baked.get(a) == self._baked.get(b)
+
+    def lattice(self, grid):
+        """@throws NoLattice"""
+        return lattices.read(self.path, grid, self.index_offset)
+
+    def state(self):
+        """What tells one state of the grids from another."""
+        return self.path, os.stat(self.path).st_mtime_ns, self.index_offset
+
+    def to_copy(self, colours):
+        """(path, names) of the grids that a file of baked ones has to have, too."""
+        return self.path, sorted({*colours, *([self.velocity[0]] if self.velocity is not None else [])})
+
+    def stored_matrix(self, matrix, k):
+        """Of a file whose voxels lie so in the object's space, k for each of the grids'."""
+        return matrix
+
+    def add_baked(self, path, grids, k, master):
+        self._baked.update(dict.fromkeys(grids, path))
 
     def table(self, matrices, grid):
         """@param matrices  (as the shutter opens, as it closes), the second None where nothing moves"""
-        table = Table("[[volumes]]").set(file=self.path, grid=grid, object_to_world=matrices[0])
+        table = Table("[[volumes]]").set(file=self._baked.get(grid, self.path), grid=grid, object_to_world=matrices[0])
         if matrices[1] is not None:
             table.set(object_to_world_end=matrices[1])
         if self.index_offset:
@@ -95,10 +119,23 @@ def _factor(volume, matrix):
     return 1 / max(np.linalg.norm(np.array(matrix.to_3x3()) @ np.full(3, 3**-0.5)), 1e-9)
 
 
-def file_of(thing, matrix, shutter, scene, frame):
+def _saved(thing, folder):
+    """A file of grids that Blender computes: by modifiers, or nodes. @throws LeftOut"""
+    if len(thing.data.grids) == 0:
+        raise LeftOut("it has no file" if not thing.modifiers else "its modifiers make no grid")
+    path = folder.new(".vdb", thing.name)
+    if not thing.data.grids.save(filepath=path):
+        raise LeftOut(f"Blender cannot write its grids: {thing.data.grids.error_message}")
+    return path
+
+
+def file_of(thing, matrix, shutter, scene, frame, folder):
     """The GridFile of a Volume object that lies so in the world; one that cannot be read has no grids: None. @throws LeftOut, CannotTranslate"""
     volume = thing.data
-    path = path_of(volume, frame)
+    if not volume.filepath or any(modifier.show_render for modifier in thing.modifiers):
+        path = _saved(thing, folder)
+    else:
+        path = path_of(volume, frame)
     if not os.path.isfile(path):
         if volume.is_sequence:  # which Blender shows as nothing
             raise LeftOut(f"its file {path} is not there")
@@ -118,11 +155,11 @@ def file_of(thing, matrix, shutter, scene, frame):
         velocity = (moving, volume.velocity_scale / frames)
     offset = 0.5 if bpy.app.version < HALF_VOXEL_BEFORE else 0.0
     corners = [corner for name in names for corner in boxes.get(name, [])]
-    return GridFile(path, names, colours, offset, velocity, corners, _factor(volume, matrix))
+    return GridFile(path, names, colours, offset, velocity, corners, _factor(volume, matrix), volume.render.clipping)
 
 
-def volume_tables(thing, materials, file, matrices, notes):
-    """A table for each medium that a volume's shader makes of its file. @throws LeftOut: none of them could be"""
+def volume_tables(thing, materials, file, place, bake, matrices, notes):
+    """A table for each medium that a volume's shader makes of its file. @param bake  function of a shader and its file (baking.bake)   @throws LeftOut: none of them could be"""
     if file.grids is None:
         return [file.table(matrices, "")]  # the program says what is wrong with it
     shader_plug = volume_shader_of(materials)
@@ -130,20 +167,23 @@ def volume_tables(thing, materials, file, matrices, notes):
         raise LeftOut("its material has no volume shader")
     if shader_plug is None and "density" not in file.grids:
         raise LeftOut(f"it has no material, and its file no grid 'density'; it has: {', '.join(file.grids) or 'none'}")
-    shader = VolumeShader(shader_plug, thing.name, file, notes)
-    if not thing.visible_camera:
-        notes.say(thing.name, "the volume is seen by the camera in brume")
+    shader = VolumeShader(shader_plug, thing.name, file, place, notes)
+    return tables_of(thing.name, shader, bake(shader, file), file, matrices, notes)
+
+
+def tables_of(name, shader, baked, file, matrices, notes):
+    """@param baked  baking.Baked: what the shader is made of   @throws LeftOut"""
     tables, hosts = [], []  # hosts: (grid, table) that emit nothing yet
-    parts = media(shader, file.grids, thing.name, notes)
+    parts = merged(media(shader, baked.closures, file.grids, name, notes) + baked.parts)
     for part in parts:
         tables.append(file.table(matrices, part.grid))
         hosts.append((part.grid, tables[-1]))
         set_medium(tables[-1], part)
         if part.colour_grid and not part.sigma_a.any():
-            notes.say(thing.name, f"what its colours '{part.colour_grid}' do not scatter is absorbed")
-    for glow in glows(shader, thing.name, notes):
+            notes.say(name, f"what its colours '{part.colour_grid}' do not scatter is absorbed")
+    for glow in [*glows(shader, baked.closures, name, notes), *baked.glows]:
         if not glow.grid:
-            _glow_everywhere(glow, parts, file, thing.name, notes)
+            _glow_everywhere(glow, parts, file, name, notes)
         host = next((h for h in hosts if file.same_file(h[0], glow.grid)), None)
         if host is None:
             host = (glow.grid, file.table(matrices, glow.grid).set(sigma_t=0))
@@ -152,7 +192,7 @@ def volume_tables(thing, materials, file, matrices, notes):
             hosts.remove(host)
         glow.set(host[1], file.stored(glow.grid))
     if not tables:
-        notes.say(thing.name, "its volume shader neither scatters, absorbs nor emits")
+        notes.say(name, "its volume shader neither scatters, absorbs nor emits")
     return tables
 
 

@@ -14,11 +14,16 @@ BAKED = (1024, 512)  # of a world that is computed
 LARGEST = (8192, 4096)
 
 
-def world_tables(scene, layer, folder, notes):
+def world_of(depsgraph, scene, layer):
+    """Evaluated; None: the layer has none."""
+    world = getattr(layer, "world_override", None) or scene.world  # Blender 4.3
+    return world.evaluated_get(depsgraph) if world is not None and layer.use_sky else None
+
+
+def world_tables(depsgraph, scene, layer, folder, notes):
     """[environment], and lights that a sky brings. @param layer  the view layer"""
     table = Table("[environment]")
-    world = getattr(layer, "world_override", None) or scene.world  # Blender 4.3
-    world, lights = world if layer.use_sky else None, []
+    world, lights = world_of(depsgraph, scene, layer), []
     tree = tree_of(world) if world is not None else None
     shader = output_of(tree, "Surface")
     if world is not None and tree is None:
@@ -36,8 +41,6 @@ def world_tables(scene, layer, folder, notes):
 
 
 def _say_the_rest(world, notes):
-    if output_of(tree_of(world), "Volume") is not None:
-        notes.say(world.name, "its volume is left out; a box with the shader, around the scene, is rendered")
     visibility = getattr(world, "cycles_visibility", None)
     unseen = [k for k in ("diffuse", "glossy", "transmission", "scatter") if not getattr(visibility, k, True)]
     if unseen:
@@ -197,6 +200,9 @@ class _Directions(_LightPath):
     def __init__(self, directions, background):
         super().__init__(0.0)
         self._directions, self._background = directions, background
+
+    def generated(self):
+        return self._directions
 
     def __call__(self, plug):
         node = plug.node

@@ -1,0 +1,63 @@
+"""Where a volume lies: what coordinates, Object Info and Light Path give at its points."""
+
+import numpy as np
+
+from .node_values import UnknownNode
+
+
+class Place:
+    """@param thing  evaluated object   @param world  its matrix   @param box  (lowest, highest) corner of its texture space, or
+    None: its own space is that   @param random_id  of its instance   @param depsgraph  that evaluates others"""
+
+    def __init__(self, thing, world, depsgraph=None, box=None, random_id=0):
+        self._thing, self._world, self._depsgraph, self._box = thing, np.array(world), depsgraph, box
+        self._random = (random_id & 0xFFFFFFFF) / 0xFFFFFFFF  # Python has it signed
+        self.paths = False  # whether Light Path was asked for
+
+    def leaf(self, plug, points):
+        """What an output is at points of the object's space, (N, 3); None: it is none of a place's. @throws UnknownNode"""
+        node, name = plug.node, plug.socket.name
+        if node.type == "TEX_COORD":
+            return self._coordinates(node, name, points)
+        if node.type == "NEW_GEOMETRY" and name == "Position":
+            return _moved(self._world, points)
+        if node.type == "OBJECT_INFO":
+            return self._info(name)
+        if node.type == "LIGHT_PATH":
+            self.paths = True
+            return 0.0
+        return None
+
+    def generated(self, points):
+        if self._box is None:
+            return points
+        lo, hi = self._box
+        return 0.5 + (points - 0.5 * (lo + hi)) / np.where(hi > lo, hi - lo, 2)  # flat ones are two wide
+
+    def _coordinates(self, node, name, points):
+        if name == "Generated":
+            return self.generated(points)
+        if name == "UV":
+            return np.zeros(3)  # a volume has none
+        if name != "Object":
+            raise UnknownNode(f"Texture Coordinate ({name})")
+        if node.object is None:
+            return points
+        other = node.object.evaluated_get(self._depsgraph) if self._depsgraph is not None else node.object
+        return _moved(np.linalg.inv(np.array(other.matrix_world)) @ self._world, points)
+
+    def _info(self, name):
+        values = {
+            "Location": self._world[:3, 3],
+            "Color": np.array(self._thing.color[:3]),
+            "Alpha": self._thing.color[3],
+            "Object Index": float(self._thing.pass_index),
+            "Random": self._random,
+        }
+        if name not in values:
+            raise UnknownNode(f"Object Info ({name})")
+        return values[name]
+
+
+def _moved(matrix, points):
+    return points @ matrix[:3, :3].T + matrix[:3, 3]
