@@ -71,7 +71,7 @@ double LightChoice::total(const dvec3& p) const {
   return total;
 }
 
-Lights::Lights(const Scene& scene, const dvec3& world_shift, const Task& task) {
+Lights::Lights(const Scene& scene, const dvec3& world_shift, const Task& task) : groups_(light_groups_of(scene)) {
   auto environment = std::make_unique<Environment>(scene.environment, task);
   environment_ = environment.get();
   if (!environment->black()) infinite_.push_back(environment_);
@@ -99,13 +99,21 @@ Lights::Lights(const Scene& scene, const dvec3& world_shift, const Task& task) {
       all_.push_back(std::move(light));
     }
   }
+  // What a sky brings is of its group.
+  for (size_t i = 0; i < all_.size(); ++i)
+    all_[i]->group = i > 0 && i <= groups_.lights.size() ? groups_.lights[i - 1] : groups_.environment;
 }
 
-size_t Lights::add_mesh(const TriangleMesh& mesh, const dvec3& radiance, bool two_sided) {
+size_t Lights::add_mesh(const TriangleMesh& mesh, const dvec3& radiance, bool two_sided, size_t surface) {
   auto light = std::make_unique<MeshLight>(mesh, radiance, two_sided);
+  if (!groups().empty()) light->group = groups_.surfaces[surface];
   meshes_.push_back(light.get());
   all_.push_back(std::move(light));
   return meshes_.size() - 1;
+}
+
+void Lights::set_emissions(const std::vector<size_t>& volumes) {
+  for (const size_t volume : volumes) emission_groups_.push_back(groups().empty() ? 0 : groups_.volumes[volume]);
 }
 
 void Lights::add_field(const EmissionField& field, const Task& task) {
@@ -113,6 +121,7 @@ void Lights::add_field(const EmissionField& field, const Task& task) {
   if (!FieldLight::fits(field)) return;
   auto light = std::make_unique<FieldLight>(field, task);
   if (!shines(*light)) return;
+  light->group = group_of_emission(fields_.size() - 1);
   fields_.back() = light.get();
   all_.push_back(std::move(light));
 }
