@@ -137,6 +137,7 @@ void describe_render(Layers& frame, const Scene& scene, const LayerRequest& laye
   header["frame"] = scene.render.frame;
   LayerRequest recorded = layers;
   recorded.light_groups = light_groups_of(scene).names;
+  recorded.light_parts = recorded.light_parts && !recorded.light_groups.empty();
   header["recordedLayers"] = join(recorded.text(), ",");
   header["statistics"] = std::string(layers.buckets ? "buckets" : layers.statistics ? "halves" : "none");
   header["program"] = job.program;

@@ -3,6 +3,7 @@
 #include <fmt/format.h>
 
 #include <algorithm>
+#include <set>
 
 #include "render/world/sky.h"
 
@@ -124,6 +125,22 @@ void Lights::add_field(const EmissionField& field, const Task& task) {
   light->group = group_of_emission(fields_.size() - 1);
   fields_.back() = light.get();
   all_.push_back(std::move(light));
+}
+
+std::optional<size_t> Lights::group_of_all_emissions() const {
+  const auto& all = emission_groups_;
+  if (all.empty() || std::any_of(all.begin(), all.end(), [&](size_t group) { return group != all[0]; })) return {};
+  return all[0];
+}
+
+std::optional<size_t> Lights::group_of_background() const {
+  std::set<size_t> seen;
+  for (const InfiniteLight* light : infinite_)
+    if (light->visible()) seen.insert(light->group);
+  for (const FiniteLight* light : finite_)
+    if (light->visible()) seen.insert(light->group);
+  for (const MeshLight* light : meshes_) seen.insert(light->group);
+  return seen.size() == 1 ? std::optional(*seen.begin()) : std::nullopt;
 }
 
 void Lights::finish(const std::string& mode) {

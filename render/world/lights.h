@@ -1,6 +1,7 @@
 #pragma once
 #include <algorithm>
 #include <memory>
+#include <optional>
 #include <string>
 #include <vector>
 
@@ -51,6 +52,12 @@ class Lights {
 
   /// Names of the scene's light groups, which have layers of their own; empty: it has none.
   const std::vector<std::string>& groups() const { return groups_.names; }
+  /// Empty where there are no groups.
+  std::string group_name(size_t group) const { return groups().empty() ? "" : groups()[group]; }
+  /// The group of everything that emits in the media; nothing where it is of several.
+  std::optional<size_t> group_of_all_emissions() const;
+  /// The group of everything that camera rays can see; nothing where it is of several.
+  std::optional<size_t> group_of_background() const;
   /// Of a field that emits, by its number.
   size_t group_of_emission(size_t field) const { return field < emission_groups_.size() ? emission_groups_[field] : 0; }
 
