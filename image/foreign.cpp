@@ -117,6 +117,7 @@ std::vector<std::string> ForeignFrame::channels() const {
   };
   add_signal(color);
   for (const ForeignSignal& pass : passes) add_signal(pass);
+  for (const ForeignSignal& light : lights) add_signal(light);
   for (const ForeignFeature& feature : features) {
     add(feature.channels);
     add_variance(feature.variance);

@@ -63,6 +63,8 @@ struct ForeignFrame {
   /// Parts of it. What they leave of the picture is a part of its own. Those that follow one another with one factor
   /// are added before they are multiplied.
   std::vector<ForeignSignal> passes = {};
+  /// Light of single groups of lights, which add up to it.
+  std::vector<ForeignSignal> lights = {};
   std::string alpha = {};
   std::vector<ForeignFeature> features = {};
   std::string sample_count = {};  ///< channel with the samples of each pixel, or with their share of `samples`

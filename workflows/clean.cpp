@@ -12,7 +12,9 @@
 #include "filters/api/requirements.h"
 #include "filters/inputs/features.h"
 #include "filters/inputs/guide_layers.h"
+#include "image/light_layers.h"
 #include "image/packed_plane.h"
+#include "workflows/clean_lights.h"
 #include "workflows/clean_parts.h"
 #include "workflows/error_curve.h"
 
@@ -83,6 +85,8 @@ LayerRequest Cleaner::request(const LayerRequest& wanted, int samples) {
         "--clean-filter {}: needs the record of every sample; render with --records, then brume denoise", entry.name));
   LayerRequest request = wanted;
   keep_guides_ = wanted.guides;
+  keep_light_parts_ = wanted.light_parts;
+  request.light_parts = wanted.light_parts || entry.parts;
   const auto record = [&](const LayerName& l) {
     if (!l.name.empty() && !request.has(l)) request.names.emplace_back(l.name);
   };
@@ -142,9 +146,10 @@ Layers Cleaner::clean(Layers frame, bool parts) {
   const auto own = [&](const std::string& name) { return frame.find(name) != nullptr; };
   for (const auto& [name, plane] : clean.channels())
     if (!own(name)) all.set(name, std::move(*clean.find(name)));
-  std::vector<std::string> guides;
+  std::vector<std::string> unwanted;
   for (const auto& [name, plane] : frame.channels()) {
-    if (!keep_guides_ && is_guide(name)) guides.push_back(name);
+    if (!keep_guides_ && (is_guide(name) || is_predicted_light(name))) unwanted.push_back(name);
+    if (!keep_light_parts_ && is_light_part(name)) unwanted.push_back(name);
     all.set(name, std::move(*frame.find(name)));
   }
   for (size_t c = 0; c < 3; ++c) {
@@ -156,9 +161,10 @@ Layers Cleaner::clean(Layers frame, bool parts) {
     const Stopwatch watch;
     for (const auto& [name, plane] : frame.stored()) all.set_stored(name, plane);
     clean_parts(filter_, options, all, host_.silent());
+    clean_lights(filter_, options, all, all, host_.silent());
     seconds_ += watch.seconds();
   }
-  for (const std::string& name : guides) all.remove(name);
+  for (const std::string& name : unwanted) all.remove(name);
   for (const auto& [name, plane] : frame.stored()) all.remove(name);
   for (const auto& [key, value] : clean.header) all.header[key] = value;
 

@@ -54,6 +54,7 @@ class Cleaner {
   Outliers outliers_;
   Host host_;
   Layers picture_;
+  bool keep_light_parts_ = false;
   bool keep_guides_ = false;
 };
 

@@ -9,6 +9,7 @@
 #include "filters/api/recommend.h"
 #include "filters/api/requirements.h"
 #include "image/foreign.h"
+#include "image/light_layers.h"
 #include "workflows/denoise_frame.h"
 #include "workflows/open_frame.h"
 
@@ -48,8 +49,8 @@ class GivenFrame {
     const bool again = frame.has(layer::noisy), whole = !frame.has(layer::beauty);
     if (!again && !of.guides && !whole) return;
     std::set<std::string> channels = readable_channels(filter, how, outline_of(frame, of.guides));
-    if (whole)
-      for (const std::string& name : frame.names()) channels.insert(name);
+    for (const std::string& name : frame.names())
+      if (whole || name.starts_with(kLightPrefix)) channels.insert(name);
     channels.insert({"R", "G", "B"});
     changed_ = part_of(frame, channels);
     adopt_foreign_layers(*changed_);

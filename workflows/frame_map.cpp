@@ -187,6 +187,15 @@ ForeignFrame picture_of(const toml::value& root, const ExrInfo& file) {
       pass.reject_unknown();
     }
   }
+  if (table.has("lights")) {
+    const toml::value& lights = table.at("lights");
+    if (!lights.is_array())
+      fail_at("'lights' is no list", lights, "expected layers of light groups: [\"key\", \"rim\"]");
+    for (const toml::value& entry : lights.as_array()) {
+      const ChannelTriple channels = table.triple_of("lights", entry);
+      picture.lights.push_back({.name = channels[0].substr(0, channels[0].rfind('.')), .channels = channels});
+    }
+  }
   table.reject_unknown();
   return picture;
 }

@@ -9,6 +9,8 @@
 #include "filters/api/registry.h"
 #include "filters/api/requirements.h"
 #include "image/exr_io.h"
+#include "image/light_layers.h"
+#include "workflows/clean_lights.h"
 #include "workflows/second_frame.h"
 #include "workflows/version.h"
 
@@ -61,6 +63,8 @@ void OwnFrame::read(const DenoisePlan& plan) {
   if (options_.picture.exposure == "auto") channels = {"R", "G", "B"};
   for (const FilterSettings& filter : plan.filters) channels.merge(readable_channels(filter, plan.how, known));
   for (const std::string& name : layer::noisy.channel_names()) channels.insert(name);
+  for (const std::string& name : known.names())
+    if (name.starts_with(kLightPrefix)) channels.insert(name);
   window_.keep(files_, plan.others);
   frame_ = &window_.get(files_, channels, host_, &file_);
   if (const std::string line = note_of_colors(files_.frame.string(), frame_->header, !files_.guides.empty());
@@ -135,8 +139,10 @@ CleanLayers run_filter(const FilterSettings& filter, const Layers& frame, const 
   ApplyReport report;
   Layers clean = apply_filter(filter, frame, how, host.task(filter.entry().name), &report);
   for (const std::string& line : report.notes) host.note(line);
+  const Stopwatch watch;
+  clean_lights(filter, how, frame, clean, host.silent());
   stamp(clean);
-  return {std::move(clean), report.seconds};
+  return {std::move(clean), report.seconds + watch.seconds()};
 }
 
 OpenFrame::OpenFrame(const FrameFiles& files, ExrFile file, const DenoiseOptions& options, const Host& host)

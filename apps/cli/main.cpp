@@ -73,6 +73,7 @@ int run(int argc, char** argv) {
   add_view(app, common, commands);
   add_guides(app, common, commands);
   add_merge(app, common, commands);
+  add_mix(app, common, commands);
   add_submit(app, common, commands);
   add_denoise(app, common, commands);
   add_compare(app, common, commands);

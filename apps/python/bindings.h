@@ -20,6 +20,7 @@ void bind_scene(pybind11::module_& module);
 void bind_render(pybind11::module_& module);
 void bind_guides(pybind11::module_& module);
 void bind_merge(pybind11::module_& module);
+void bind_mix(pybind11::module_& module);
 void bind_denoise(pybind11::module_& module);
 void bind_compare(pybind11::module_& module);
 void bind_evaluate(pybind11::module_& module);

@@ -7,6 +7,7 @@
 #include "apps/python/bindings.h"
 #include "apps/python/convert.h"
 #include "filters/api/requirements.h"
+#include "image/light_layers.h"
 
 namespace brume::python {
 namespace {
@@ -161,6 +162,14 @@ void bind_layers(py::module_& module) {
   type.def("image", &image_of, py::arg("layer") = "", py::arg("statistic") = "",
            "A layer as an array of height x width x channels, a copy; the beauty without a name.\n\n"
            "statistic: mean_variance, half_a, half_b or bucket_0 .. bucket_7.");
+  type.def(
+      "light",
+      [](const Layers& self, const std::string& group) {
+        const bool clean = self.find(clean_light_layer(group) + ".R") != nullptr;
+        return image_of(self, clean ? clean_light_layer(group) : light_layer(group), "");
+      },
+      py::arg("group"),
+      "The light of a light group as an array of height x width x 3, a copy; clean where the frame is.");
   type.def(
       "layers", [](const Layers& self) { return layer_names(self); }, "Names of the layers, without statistics.");
   type.def(

@@ -39,6 +39,7 @@ PYBIND11_MODULE(_brume, module) {
   bind_render(module);
   bind_guides(module);
   bind_merge(module);
+  bind_mix(module);
   bind_denoise(module);
   bind_compare(module);
   bind_evaluate(module);

@@ -14,12 +14,13 @@
 #include "filters/inputs/guide_layers.h"
 #include "filters/inputs/planes.h"
 #include "filters/patch/picture_noise.h"
+#include "filters/run/add_up.h"
 #include "image/exr_copy.h"
 
 namespace brume {
 namespace {
 
-constexpr const char* kRest = "the rest";
+constexpr const char *kRest = "the rest", *kOtherLights = "the other lights";
 
 std::string type_of(const ExrInfo& file, const std::string& channel) {
   const auto it = std::find_if(file.channels.begin(), file.channels.end(),
@@ -213,6 +214,25 @@ Layers without_signal(Layers frame) {
   return rest;
 }
 
+/// Adds what light groups leave of their picture to the file, and to them, unless it is rounding.
+void add_other_lights(ForeignFrame& picture, Layers& file, const ExrInfo& info) {
+  if (picture.lights.empty()) return;
+  ForeignSignal others{.name = kOtherLights, .channels = {}};
+  Parts parts;
+  bool half = type_of(info, picture.color.channels[0]) == "half";
+  for (const ForeignSignal& light : picture.lights) {
+    parts.add(light, file);
+    half |= type_of(info, light.channels[0]) == "half";
+  }
+  std::array<Plane*, 3> planes{};
+  for (size_t c = 0; c < 3; ++c) {
+    others.channels[c] = std::string("brume.other_lights.") + layer::beauty.channels[c];
+    file.set(others.channels[c], *file.find(picture.color.channels[c]));
+    planes[c] = file.find(others.channels[c]);
+  }
+  if (subtract(parts, planes, half)) picture.lights.push_back(others);
+}
+
 /// Runs the filter on one signal after another and puts what comes out in its place, rounded as it is stored. Planes
 /// that are not needed any more are given back early, so that large frames fit.
 class SignalFilter {
@@ -245,15 +265,17 @@ class SignalFilter {
     settle_variance(signal, frame_, result_.notes, task);
     ApplyOptions options = options_;
     if (!whole_.empty() && !signal.factor) options.whole = &whole_;
-    if (!picture_.passes.empty() && signal.name != kRest)
-      options.light = signal.indirect ? layer::indirect : layer::direct;
+    const bool is_pass = std::any_of(picture_.passes.begin(), picture_.passes.end(),
+                                     [&](const ForeignSignal& pass) { return pass.channels == signal.channels; });
+    if (is_pass) options.light = signal.indirect ? layer::indirect : layer::direct;
     if (!has_variance(frame_)) {
       options.noise = NoiseSource::kSpatial;
       estimated_.push_back(signal.name);
     }
     std::list<Layers> nearby;
     // What the passes of other frames leave is not known.
-    for (const SequenceFrame& other : signal.name == kRest ? std::vector<SequenceFrame>() : others_) {
+    const bool rest = signal.name == kRest || signal.name == kOtherLights;
+    for (const SequenceFrame& other : rest ? std::vector<SequenceFrame>() : others_) {
       const Layers& theirs = nearby.emplace_back(neighbour(other, signal, task));
       options.sequence.push_back({other.distance, &theirs, other.records});
     }
@@ -287,7 +309,9 @@ class SignalFilter {
   /// The same signal of another frame of the sequence.
   Layers neighbour(const SequenceFrame& other, const ForeignSignal& signal, const Task& task) const {
     ForeignSignal theirs = other.picture->color;
-    for (const ForeignSignal& s : cleaned_signals(*other.picture))
+    std::vector<ForeignSignal> all = cleaned_signals(*other.picture);
+    all.insert(all.end(), other.picture->lights.begin(), other.picture->lights.end());
+    for (const ForeignSignal& s : all)
       if (s.name == signal.name) theirs = s;
     std::vector<std::string> ignored;
     Layers frame = frame_of_signal(*other.picture, theirs, *other.layers, extra_);
@@ -330,9 +354,11 @@ Layers frame_of_signal(const ForeignFrame& picture, const ForeignSignal& signal,
   return frame;
 }
 
-CleanPicture clean_picture(const FilterSettings& filter, const ForeignFrame& picture, Layers file, const ExrInfo& info,
+CleanPicture clean_picture(const FilterSettings& filter, const ForeignFrame& given, Layers file, const ExrInfo& info,
                            const ApplyOptions& options, const Task& task, const std::string& suffix) {
   CleanPicture result;
+  ForeignFrame picture = given;
+  add_other_lights(picture, file, info);
   result.notes = picture.remarks;
   for (const std::string& name : picture.channels())
     if (type_of(info, name) == "uint" && name != picture.sample_count && name != picture.alpha)
@@ -370,11 +396,19 @@ CleanPicture clean_picture(const FilterSettings& filter, const ForeignFrame& pic
     const auto colours = planes(signals[i].channels);
     const bool uniform = std::all_of(colours.begin(), colours.end(), [](const Plane* p) { return is_uniform(*p); });
     if (!wanted(signals[i]) || (uniform && !picture.passes.empty())) continue;
-    const double count = static_cast<double>(signals.size());
+    const double count = static_cast<double>(signals.size() + picture.lights.size());
     clean(signals[i], share(task, static_cast<double>(i) / count, static_cast<double>(i + 1) / count));
+  }
+  for (size_t i = 0; i < picture.lights.size(); ++i) {
+    const double done = static_cast<double>(signals.size() + i),
+                 count = static_cast<double>(signals.size() + picture.lights.size());
+    const auto colours = planes(picture.lights[i].channels);
+    if (!std::all_of(colours.begin(), colours.end(), [](const Plane* p) { return is_uniform(*p); }))
+      clean(picture.lights[i], share(task, done / count, (done + 1) / count));
   }
   clean.finish();
 
+  std::array<Plane, 3> sums;
   if (!picture.passes.empty()) {
     const bool rest = signals.size() > picture.passes.size();
     for (size_t c = 0; c < 3; ++c) {
@@ -382,9 +416,25 @@ CleanPicture clean_picture(const FilterSettings& filter, const ForeignFrame& pic
       for (int y = 0; y < file.height(); ++y)
         for (int x = 0; x < file.width(); ++x) whole(x, y) = parts.sum(c, x, y);
       if (type_of(info, picture.target[c]) == "half") round_to_half(whole);
+      if (!picture.lights.empty()) sums[c] = whole;
       if (rest) *file.find(picture.color.channels[c]) = Plane();
       result.channels.push_back({picture.target[c], std::move(whole)});
     }
+  }
+  if (!picture.lights.empty()) {
+    std::vector<std::array<Plane*, 3>> lights;
+    for (const ForeignSignal& group : picture.lights) lights.push_back(planes(group.channels));
+    const auto whole = planes(picture.color.channels);
+    add_up_exactly(
+        lights, {},
+        picture.passes.empty() ? RgbPlanes{whole[0], whole[1], whole[2]} : RgbPlanes{&sums[0], &sums[1], &sums[2]},
+        task);
+    for (const ForeignSignal& group : given.lights)
+      for (const std::string& channel : group.channels) {
+        Plane& values = *file.find(channel);
+        if (type_of(info, channel) == "half") round_to_half(values);
+        result.channels.push_back({channel, std::move(values)});
+      }
   }
   const auto was_cleaned = [&](const ForeignSignal& s) {
     return s.name != kRest && std::find(result.cleaned.begin(), result.cleaned.end(), s.name) != result.cleaned.end();

@@ -28,6 +28,7 @@ struct CleanPicture {
 ///
 /// Where the file has no variance of a signal, NoiseSource::kSpatial is used for it. A variance of unstated level is
 /// given the level of that estimate; one that only counts samples which met a surface is that estimate where it is 0.
+/// Light groups are cleaned, too, and made to add up to the clean picture (add_up.h).
 /// Passes that are the same everywhere are left alone. With Component::kIndirect only indirect passes are cleaned.
 /// @param file    as read_exr gives it, with the picture's channels at least
 /// @param info    of the file: the channels' types say how values are stored

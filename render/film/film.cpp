@@ -23,6 +23,8 @@ size_t offset_of(const LayerName& name) {
   return 0;  // the beauty comes first
 }
 
+constexpr size_t kOwnValues = sizeof(PathSample) / sizeof(double);  // what follows them is of PathSample::groups
+
 // Every value of a frame: the beauty, direct and indirect whose stored sum it is, alpha's transmittance, what is asked
 // for.
 std::vector<size_t> value_offsets(const LayerRequest& request) {
@@ -38,6 +40,8 @@ std::vector<size_t> value_offsets(const LayerRequest& request) {
     if (request.has(l.name) && !(l.name == layer::direct) && !(l.name == layer::indirect) &&
         !(l.name == layer::transmittance))
       add(l.name);
+  for (const LayerRequest::GroupLayer& layer : request.group_layers())
+    for (size_t c = 0; c < 3; ++c) offsets.push_back(kOwnValues + layer.offset + c);
   return offsets;
 }
 
@@ -64,6 +68,10 @@ Film::Film(int width, int height, const LayerRequest& request)
   record(layer::alpha, offset_of(layer::transmittance), true);
   for (const RecordedLayer& l : recordable_layers())
     if (request.has(l.name)) record(l.name, l.offset);
+  for (const LayerRequest::GroupLayer& layer : request.group_layers())
+    record({layer.name, layer::beauty.channels, ""}, kOwnValues + layer.offset);
+  own_values_ =
+      static_cast<size_t>(std::count_if(offsets_.begin(), offsets_.end(), [](size_t o) { return o < kOwnValues; }));
   beauty_ = layers_.add_rgb(layer::beauty);
   for (size_t v = 0; v < offsets_.size(); ++v) {
     if (offsets_[v] == offset_of(layer::direct)) direct_ = v;
@@ -117,7 +125,9 @@ Film::TileState& Film::opened(int tile) {
 
 void Film::pack(const PathSample& sample, float* row) const {
   const double* const values = sample.values();
-  for (size_t i = 0; i < offsets_.size(); ++i) row[i] = static_cast<float>(values[offsets_[i]]);
+  for (size_t i = 0; i < own_values_; ++i) row[i] = static_cast<float>(values[offsets_[i]]);
+  for (size_t i = own_values_; i < offsets_.size(); ++i)
+    row[i] = static_cast<float>((&sample.groups->x)[offsets_[i] - kOwnValues]);
 }
 
 std::vector<uint32_t> Film::add(int tile, int pixel, const float* rows, uint32_t count, uint32_t first) {
@@ -354,6 +364,7 @@ double Film::layer_bytes(int width, int height, const LayerRequest& request) {
   double channels = 4;  // beauty and alpha
   for (const RecordedLayer& l : recordable_layers())
     if (request.has(l.name)) channels += static_cast<double>(l.name.channels.size());
+  channels += 3 * static_cast<double>(request.group_layers().size());
   return (channels * (1 + 3 * request.statistics + 8 * request.buckets) + 2) * sizeof(float) * width * height;
 }
 

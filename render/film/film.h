@@ -92,7 +92,8 @@ class Film {
   ivec2 tiles_;
   LayerRequest request_;
   Layers layers_;
-  std::vector<size_t> offsets_;  // of each value in a PathSample
+  std::vector<size_t> offsets_;  // of each value in a PathSample; then in PathSample::groups
+  size_t own_values_ = 0;        // how many are of the sample itself
   std::vector<Target> targets_;
   std::array<Plane*, 3> beauty_{};
   size_t direct_ = SIZE_MAX, indirect_ = SIZE_MAX;  // which values hold them

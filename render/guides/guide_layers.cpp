@@ -2,6 +2,8 @@
 
 #include <string>
 
+#include "image/light_layers.h"
+
 namespace brume {
 namespace {
 
@@ -77,7 +79,7 @@ GuideLayers::Planes GuideLayers::add(Layers& frame, const GuideName& name, const
   constexpr std::string_view kLight = "LIGHT";
   const bool first = colour_ == kGrey || colour_ == 0;
   std::string layer(name.name);
-  if (light) layer.replace(layer.find(kLight), kLight.size(), light->name);
+  if (light) layer.replace(layer.find(kLight), kLight.size(), light->layer_name());
   const GuideColour own = light ? light->channel : kGrey;  // the only one that the light has
   Planes planes{};
   if (name.channels == "Y" && !once) {
@@ -100,6 +102,18 @@ GuideLayers::GuideLayers(Layers& frame, const std::vector<std::unique_ptr<GuideL
     if (layer.of(contents)) layers_.push_back({add(frame, layer.name, nullptr, layer.once), layer.value});
   direct_ = add(frame, guide_named("guide.predicted_direct"));
   indirect_ = add(frame, guide_named("guide.predicted_indirect"));
+  // Light of media of unlike tints is known of all lights together alone.
+  for (size_t g = 0; g < contents.light_groups.size() && !contents.mixed_tints; ++g) {
+    const auto add_predicted = [&](const char* part) {
+      Planes planes{};
+      for (size_t c = 0; c < 3; ++c)
+        if (colour == kGrey || colour == static_cast<int>(c))
+          planes[c] =
+              &frame.add(predicted_light_layer(contents.light_groups[g], part) + "." + layer::beauty.channels[c]);
+      return planes;
+    };
+    predicted_.push_back({add_predicted("direct"), add_predicted("indirect")});
+  }
   for (size_t g = 0; g < lights.size(); ++g) {
     const GuideLight& group = *lights[g];
     for (const GroupLayer& layer : kGroupLayers)
@@ -109,28 +123,50 @@ GuideLayers::GuideLayers(Layers& frame, const std::vector<std::unique_ptr<GuideL
   }
 }
 
+void GuideLayers::add_direct_of(size_t k, const GuideSums& sums, vec3& light) const {
+  const GuideLight& group = *lights_[k];
+  if (group.from_surfaces()) return;
+  light += sums.surface[k];
+  if (!contents_.mixed_tints) light += vec3(contents_.tint.once() * group.colour_in(colour_) * sums.groups[k].single);
+}
+
+void GuideLayers::add_indirect_of(size_t k, const GuideSums& sums, vec3& light) const {
+  const GuideLight& group = *lights_[k];
+  const GroupSums& own = sums.groups[k];
+  const auto add = [&](const dvec3& tint, double value) { light += vec3(tint * group.colour_in(colour_) * value); };
+  add(contents_.tint.forward(), own.forward);
+  if (group.from_surfaces()) add(contents_.tint.once(), own.single);
+  for (size_t order = 0; order < own.orders.size(); ++order) add(contents_.tint.of_guide(order), own.orders[order]);
+}
+
 // The whole of direct light as guides have it: a filter starts from it.
 dvec3 GuideLayers::predicted_direct(const GuideSums& sums) const {
   vec3 light = sums.background + sums.emission + sums.emission_once + vec3(sums.mirrored) + vec3(sums.tinted_direct);
-  for (size_t k = 0; k < sums.groups.size(); ++k) {
-    const GuideLight& group = *lights_[k];
-    if (group.from_surfaces()) continue;
-    light += sums.surface[k];
-    if (!contents_.mixed_tints) light += vec3(contents_.tint.once() * group.colour_in(colour_) * sums.groups[k].single);
-  }
+  for (size_t k = 0; k < sums.groups.size(); ++k) add_direct_of(k, sums, light);
   return dvec3(light);
 }
 
 dvec3 GuideLayers::predicted_indirect(const GuideSums& sums) const {
   vec3 light = sums.indirect + vec3(sums.mirrored_indirect) + sums.behind + vec3(sums.tinted_indirect);
-  for (size_t k = 0; k < sums.groups.size() && !contents_.mixed_tints; ++k) {
-    const GuideLight& group = *lights_[k];
-    const GroupSums& own = sums.groups[k];
-    const auto add = [&](const dvec3& tint, double value) { light += vec3(tint * group.colour_in(colour_) * value); };
-    add(contents_.tint.forward(), own.forward);
-    if (group.from_surfaces()) add(contents_.tint.once(), own.single);
-    for (size_t order = 0; order < own.orders.size(); ++order) add(contents_.tint.of_guide(order), own.orders[order]);
+  for (size_t k = 0; k < sums.groups.size() && !contents_.mixed_tints; ++k) add_indirect_of(k, sums, light);
+  return dvec3(light);
+}
+
+dvec3 GuideLayers::predicted_direct_of(const std::string& group, const GuideSums& sums) const {
+  vec3 light(0);
+  if (contents_.group_of_background == group) light += sums.background;
+  for (size_t k = 0; k < sums.groups.size(); ++k) {
+    if (lights_[k]->light_group != group) continue;
+    add_direct_of(k, sums, light);
+    if (lights_[k]->name == "glow") light += sums.emission + sums.emission_once;
   }
+  return dvec3(light);
+}
+
+dvec3 GuideLayers::predicted_indirect_of(const std::string& group, const GuideSums& sums) const {
+  vec3 light(0);
+  for (size_t k = 0; k < sums.groups.size(); ++k)
+    if (lights_[k]->light_group == group) add_indirect_of(k, sums, light);
   return dvec3(light);
 }
 
@@ -145,6 +181,10 @@ void GuideLayers::store(int x, int y, const GuideSums& sums, double share) const
   for (size_t g = 0; g < surface_.size(); ++g) put(surface_[g], dvec3(sums.surface[g]));
   put(direct_, predicted_direct(sums));
   put(indirect_, predicted_indirect(sums));
+  for (size_t g = 0; g < predicted_.size(); ++g) {
+    put(predicted_[g][0], predicted_direct_of(contents_.light_groups[g], sums));
+    put(predicted_[g][1], predicted_indirect_of(contents_.light_groups[g], sums));
+  }
 }
 
 }  // namespace brume

@@ -78,7 +78,11 @@ class GuideLight {
 
   dvec3 colour_in(GuideColour guide) const { return guide == kGrey ? colour : dvec3(1); }
 
-  const std::string name;     ///< of its guides: "sun", "sphere_2", "others", "sky", "glow", "surfaces"
+  /// Of its guides: "sun", "key-sun" where it is of the light group "key".
+  std::string layer_name() const { return light_group.empty() ? name : light_group + "-" + name; }
+
+  const std::string name;        ///< "sun", "sphere_2", "others", "sky", "glow", "surfaces"
+  std::string light_group = {};  ///< of Lights::groups; empty: of none, or of several
   const GuideColour channel;  ///< the only one that it has light of, or kGrey: of a sky of many colours in grey media
   dvec3 colour;
   Radiance unscattered;        ///< arriving(); empty where that is known by direction

@@ -67,11 +67,18 @@ struct Candidate {
   double importance;
 };
 
+/// Lights that share their guides.
+struct Others {
+  std::vector<KnownLight> lights;
+  dvec3 colour{0};
+};
+
 /// In grey media lights of many colours are three, their red, green and blue.
-void add_others(const std::vector<KnownLight>& others, const dvec3& sum, const dvec3& middle, GuideColour colour,
+void add_others(const Others& of, const dvec3& middle, GuideColour colour,
                 std::vector<std::unique_ptr<GuideLight>>& guides) {
   constexpr double kAlike = 0.1;  // of the mean colour
-  const dvec3 mean = of_mean_one(sum);
+  const std::vector<KnownLight>& others = of.lights;
+  const dvec3 mean = of_mean_one(of.colour);
   const bool alike = std::all_of(others.begin(), others.end(), [&](const KnownLight& light) {
     const dvec3 apart = of_mean_one(arriving_light(light, middle).irradiance) - mean;
     return max_component(glm::abs(apart)) < kAlike;
@@ -87,24 +94,32 @@ void add_others(const std::vector<KnownLight>& others, const dvec3& sum, const d
   }
 }
 
-/// The strongest emissive meshes, each a light; all others are one.
+/// The strongest emissive meshes, each a light; all others are one, or one for each light group.
 void add_meshes(const Lights& lights, const Surfaces& surfaces, const dvec3& middle,
                 std::vector<std::unique_ptr<GuideLight>>& guides) {
+  const auto group_of = [&](uint32_t mesh) { return lights.mesh(surfaces.light_of(mesh)).group; };
   std::vector<std::pair<double, uint32_t>> meshes;  // importance
   for (uint32_t i = 0; i < surfaces.count(); ++i)
     if (surfaces.settings(i).radiance != dvec3(0))
       meshes.push_back({lights.mesh(surfaces.light_of(i)).importance(middle), i});
   std::stable_sort(meshes.begin(), meshes.end(), [](const auto& a, const auto& b) { return a.first > b.first; });
-  for (size_t k = 0; k < meshes.size() && k <= kMostMeshes; ++k) {
-    const bool rest = k == kMostMeshes;
+  std::vector<std::vector<std::pair<double, uint32_t>>> together;
+  for (size_t k = 0; k < meshes.size(); ++k) {
+    const auto own =
+        std::find_if(together.begin() + static_cast<std::ptrdiff_t>(std::min(k, kMostMeshes)), together.end(),
+                     [&](const auto& other) { return group_of(other[0].second) == group_of(meshes[k].second); });
+    (own == together.end() ? together.emplace_back() : *own).push_back(meshes[k]);
+  }
+  for (size_t k = 0; k < together.size(); ++k) {
     std::vector<uint32_t> own;
     dvec3 colour(0);
-    for (size_t m = k; m < (rest ? meshes.size() : k + 1); ++m) {
-      own.push_back(meshes[m].second);
-      colour += meshes[m].first * of_mean_one(surfaces.settings(meshes[m].second).radiance);
+    for (const auto& [importance, mesh] : together[k]) {
+      own.push_back(mesh);
+      colour += importance * of_mean_one(surfaces.settings(mesh).radiance);
     }
     guides.push_back(std::make_unique<EmittingMeshes>(k == 0 ? "mesh" : "mesh_" + std::to_string(k + 1),
                                                       of_mean_one(colour), surfaces, own));
+    guides.back()->light_group = lights.group_name(group_of(own[0]));
   }
 }
 
@@ -129,13 +144,16 @@ std::vector<std::unique_ptr<GuideLight>> guide_lights(const Lights& lights, cons
   std::vector<std::unique_ptr<GuideLight>> guides;
   std::map<std::string, int> named;
   size_t suns = 0, lamps = 0;
-  std::vector<KnownLight> others;
-  dvec3 others_colour(0);
+  std::map<size_t, Others> others;  // by light group
+  const auto all_of_group = [&](size_t first, size_t group) {
+    for (size_t k = first; k < guides.size(); ++k) guides[k]->light_group = lights.group_name(group);
+  };
   for (const Candidate& c : candidates) {
     const bool sun = std::holds_alternative<const Sun*>(c.light);
     if (sun ? suns++ >= kMostSuns : lamps++ >= kMostLamps) {
-      others.push_back(c.light);
-      others_colour += c.importance * c.colour;
+      Others& own = others[base_of(c.light).group];
+      own.lights.push_back(c.light);
+      own.colour += c.importance * c.colour;
       continue;
     }
     std::string name = guide_word(c.light);
@@ -144,10 +162,16 @@ std::vector<std::unique_ptr<GuideLight>> guide_lights(const Lights& lights, cons
       guides.push_back(std::make_unique<SunLight>(name, c.colour, c.light));
     else
       guides.push_back(std::make_unique<LampLight>(name, c.colour, c.light));
+    all_of_group(guides.size() - 1, base_of(c.light).group);
   }
-  if (!others.empty()) add_others(others, others_colour, middle, colour, guides);
+  for (const auto& [group, own] : others) {
+    const size_t first = guides.size();
+    add_others(own, middle, colour, guides);
+    all_of_group(first, group);
+  }
   if (surfaces) add_meshes(lights, *surfaces, middle, guides);
   const bool dark = lights.environment()->black();
+  const size_t first_of_sky = guides.size();
   if (!dark && !sky.constant() && colour == kGrey) {
     for (GuideColour channel = 0; channel < 3; ++channel) {
       dvec3 own(0);
@@ -160,7 +184,11 @@ std::vector<std::unique_ptr<GuideLight>> guide_lights(const Lights& lights, cons
       mean += sky.radiance(d);
     guides.push_back(std::make_unique<SkyLight>("sky", of_mean_one(mean)));
   }
-  if (!media.emissions().empty()) guides.push_back(std::make_unique<GlowLight>());
+  all_of_group(first_of_sky, lights.environment()->group);
+  if (!media.emissions().empty()) {
+    guides.push_back(std::make_unique<GlowLight>());
+    if (const auto group = lights.group_of_all_emissions()) all_of_group(guides.size() - 1, *group);
+  }
   return guides;
 }
 

@@ -42,6 +42,8 @@ GuideMarch::GuideMarch(const PathContext& context, const std::vector<GuideMedia>
 
 void GuideMarch::record(const std::vector<const GuideMarch*>& colours, const ivec2& corner, Layers& frame,
                         const Task& task, const Marched& done) {
+  const Lights& lights = *colours[0]->context_.lights;
+  const std::optional<size_t> background = lights.group_of_background();
   std::vector<GuideLayers> layers;
   for (const GuideMarch* const march : colours)
     layers.emplace_back(frame, march->fields_.lights(), march->colour_,
@@ -49,7 +51,9 @@ void GuideMarch::record(const std::vector<const GuideMarch*>& colours, const ive
                                               .surfaces = march->context_.surfaces != nullptr,
                                               .mirrors = !march->node_light_.values.empty(),
                                               .mixed_tints = march->media_[0].mixed_tints(),
-                                              .tint = march->tint_});
+                                              .tint = march->tint_,
+                                              .light_groups = lights.groups(),
+                                              .group_of_background = background ? lights.group_name(*background) : ""});
   const ivec2 size(frame.width(), frame.height()), count = (size + GuideTile::kSide - 1) / GuideTile::kSide;
   // By the distance of their middles from the window's, where somebody watches; else row by row.
   std::vector<std::pair<int, int>> order;

@@ -117,7 +117,7 @@ std::string Guides::explain() const {
   const LightFields& f = fields_[0];
   const ivec3 n = f.lattice().n;
   std::string names;
-  for (const auto& light : f.lights()) names += (names.empty() ? "" : ", ") + light->name;
+  for (const auto& light : f.lights()) names += (names.empty() ? "" : ", ") + light->layer_name();
   return fmt::format("light of {} on {} x {} x {} nodes, {:.3g} voxels apart{}: {:.1f} MB, solved in {:.2f} s",
                      names.empty() ? "nothing" : names, n.x, n.y, n.z, f.lattice().spacing / media_[0].voxel(),
                      colours_.size() > 1 ? ", for red, green and blue" : "", static_cast<double>(bytes()) / 1e6,
@@ -138,8 +138,8 @@ std::vector<std::string> Guides::left_out() const {
   }
   for (const auto& light : fields_[0].lights())
     if (light->channel <= 0 && (light->name == "others" || light->name.starts_with("mesh")))
-      texts.push_back(
-          fmt::format("the phase function's peak for light of '{}': it is scattered by its mean cosine", light->name));
+      texts.push_back(fmt::format("the phase function's peak for light of '{}': it is scattered by its mean cosine",
+                                  light->layer_name()));
   if (glass)
     texts.push_back("light of suns and lamps through glass, bent or straight (unless its shadow is \"straight\")");
   if (metal) texts.push_back("suns and lamps that metals throw onto other things as sharp caustics");

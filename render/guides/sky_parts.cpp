@@ -99,6 +99,7 @@ bool SkyParts::take_brightest(std::vector<Cell>& cells, double mean) {
   // Of a disc of that solid angle.
   sun.angular_diameter = 2 * std::acos(1 - angle / (2 * kPi)) * 180 / kPi;
   suns_.push_back(std::make_unique<Sun>(sun));
+  suns_.back()->group = sky_.group;
   around_.push_back(around);
   return true;
 }

@@ -83,6 +83,7 @@ struct VolumeSettings {
   dmat4 object_to_world_end{0};  ///< all zero: the volume stands still
   dvec3 index_offset{0};
   bool convert_level_set = false;
+  std::string group;
   bool enabled = true;
   ArrayPlacement placement;
   /// Those in memory, read from the file before or made of arrays; null: they are read. Not part of a scene's text.
@@ -100,6 +101,7 @@ struct EnvironmentSettings {
   dvec3 sun_direction{0.5, 0.3, 0.6};
   bool sky_sun = true;
   double ground_albedo = 0.2;
+  std::string group;
 };
 
 struct LightSettings {
@@ -115,6 +117,7 @@ struct LightSettings {
   bool cosine_falloff = false;
   bool visible_to_camera = false;
   bool solid = true;
+  std::string group;
   bool enabled = true;
 };
 
@@ -131,6 +134,7 @@ struct SurfaceSettings {
   std::string role = "visible";
   bool visible_to_camera = true;
   std::string shadow = "traced";
+  std::string group;
   dmat4 object_to_world{1};
   dmat4 object_to_world_end{0};  ///< all zero: the surface stands still
   bool enabled = true;
@@ -154,6 +158,7 @@ struct RenderSettings {
   std::string near_lights = "auto";
   std::string flash_relief = "both";
   std::string majorants = "cells";
+  bool light_groups = false;
   int cell_size = 8;
   double majorant_scale = 1;
 };

@@ -15,6 +15,10 @@ struct Field {
   std::vector<std::string> choices = {};
 };
 
+/// Of everything that shines.
+inline const Field kGroup = {
+    "group", "", "its light is recorded in the layers light.GROUP too; where any other has one, in light.rest"};
+
 inline constexpr double kInfinity = std::numeric_limits<double>::infinity();
 
 template <class Visitor>
@@ -104,6 +108,9 @@ void describe(Visitor& v, RenderSettings& r) {
          "what shapes the flash layer beyond opacity. falloff: the lamp's, by distance; gradient: shading by the density gradient; both; none; offset: both, and the lamp not at the eye but a tenth of the medium's diagonal up and to the right of it, seen through the medium",
      .choices = {"both", "falloff", "gradient", "none", "offset"}},
     r.flash_relief);
+  v({"light_groups", "",
+     "every light without a group is one by itself, named after its kind: sky, sun, sun_2, point, mesh, fire, ..."},
+    r.light_groups);
   v({.key = "majorants",
      .help =
          "cells: bounds of cell_size^3 voxels; global: one bound for the whole grid and flights in double precision, the textbook's tracer, to compare",
@@ -136,6 +143,7 @@ void describe(Visitor& v, EnvironmentSettings& e) {
   v({"ground_albedo", "1",
      "sky: reflectance of the ground below the horizon, which the sky lights, and with sky_sun its sun", 0, 1},
     e.ground_albedo);
+  v(kGroup, e.group);
 }
 
 template <class Visitor>
@@ -219,6 +227,7 @@ void describe(Visitor& v, VolumeSettings& s) {
      "added to voxel coordinates; 0.5 matches Blender Cycles, which samples half a voxel off"},
     s.index_offset);
   v({"convert_level_set", "", "fill a level set's inside with fog instead of refusing it"}, s.convert_level_set);
+  v(kGroup, s.group);
   v({"enabled", "", "false leaves it out of the scene"}, s.enabled);
 }
 
@@ -255,6 +264,7 @@ void describe(Visitor& v, LightSettings& l) {
   v({"solid", "",
      "sphere, rectangle: whether it hides what lies behind; false: its light is added to that, as Blender's lamps do"},
     l.solid);
+  v(kGroup, l.group);
   v({"enabled", "", "false leaves it out of the scene"}, l.enabled);
 }
 
@@ -295,6 +305,7 @@ void describe(Visitor& v, SurfaceSettings& s) {
     s.shadow);
   v({"object_to_world", "", "4 x 4, rows first; points are columns"}, s.object_to_world);
   v({"object_to_world_end", "", "the same when the shutter closes; all zero: it stands still"}, s.object_to_world_end);
+  v(kGroup, s.group);
   v({"enabled", "", "false leaves it out of the scene"}, s.enabled);
 }
 

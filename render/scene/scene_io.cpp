@@ -9,6 +9,7 @@
 #include "base/error.h"
 #include "base/text.h"
 #include "render/scene/camera_keys.h"
+#include "render/scene/light_groups.h"
 #include "render/scene/scene_fields.h"
 #include "render/scene/scene_fingerprint.h"
 #include "render/scene/toml_table.h"
@@ -21,7 +22,16 @@ namespace fs = std::filesystem;
 
 using Parser = TomlTable;
 
+/// @param shines  whether it can be of a group
+void check_group(const Parser& parser, const std::string& group, bool shines, const toml::value& table) {
+  if (!parser.has("group")) return;
+  if (const std::string wrong = what_forbids_group(group); !wrong.empty())
+    fail_at(fmt::format("'group' {}", wrong), table.at("group"), "expected a name such as \"key\"");
+  if (!shines) fail_at("'group' has no meaning where nothing shines", table.at("group"), "remove it");
+}
+
 void check_light(Parser& parser, LightSettings& light, const toml::value& table) {
+  check_group(parser, light.group, true, table);
   const auto need = [&](std::initializer_list<const char*> keys) {
     for (const char* key : keys)
       if (!parser.has(key))
@@ -133,12 +143,14 @@ void check_volume(Parser& parser, VolumeSettings& v, const toml::value& table) {
          {"color", "absorption_color", "scatter", "scatter_color", "transparent", "transparent_depth"})
       if (parser.has(key)) fail_at(fmt::format("'{}' belongs to a preset", key), table.at(key), "set preset = ... too");
   }
+  check_group(parser, v.group, v.emission != dvec3(0) || v.temperature_grid != "none" || v.flame_grid != "none", table);
   v.sigma_t *= v.density;
   v.emission *= v.density;
   v.density = 1;
 }
 
 void check_environment(const Parser& parser, const EnvironmentSettings& e, const toml::value& table) {
+  check_group(parser, e.group, true, table);
   if (!(glm::length(e.up) > 0)) fail_at("'up' is zero", table.at("up"), "expected a direction");
   if (e.sky == "none") return;
   if (parser.has("file")) fail_at("'file' stands beside 'sky'", table.at("file"), "remove one of the two");
@@ -162,6 +174,7 @@ void check_surface(Parser& parser, SurfaceSettings& s, const toml::value& table)
        {std::pair("edge_albedo", "conductor"), std::pair("reflection_tint", "dielectric")})
     if (s.material != material && parser.has(key))
       fail_at(fmt::format("'{}' has no meaning for a {} surface", key, s.material), table.at(key), "remove it");
+  check_group(parser, s.group, s.radiance != dvec3(0), table);
   if (s.two_sided && s.radiance == dvec3(0))
     fail_at("'two_sided' has no meaning without 'radiance'", table.at("two_sided"), "set radiance, or remove it");
   if (s.object_to_world_end != dmat4(0.0) && s.radiance != dvec3(0))

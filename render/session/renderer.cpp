@@ -23,10 +23,11 @@ PreparedScene::PreparedScene(Scene scene, const LayerRequest& layers, const Task
     surfaces_ = std::make_unique<Surfaces>(scene_.surfaces, media_.world_shift(), blurred);
     for (uint32_t i = 0; i < surfaces_->count(); ++i) {
       const SurfaceSettings& s = scene_.surfaces[i];
-      if (s.radiance != dvec3(0)) lights_.add_mesh(surfaces_->mesh(i), s.radiance, s.two_sided);
+      if (s.radiance != dvec3(0)) lights_.add_mesh(surfaces_->mesh(i), s.radiance, s.two_sided, i);
       catcher = catcher || s.role == "shadow_catcher";
     }
   }
+  lights_.set_emissions(media_.emission_volumes());
   const std::string& sampling = scene_.render.light_sampling;
   if (sampling != "none" && (!media_.media().empty() || surfaces_))
     for (const EmissionField& field : media_.emissions()) lights_.add_field(field, task);
@@ -200,7 +201,7 @@ PathSample PreparedScene::replay(int64_t seed, int x, int y, uint32_t sample) co
   const PathRequest r = request(own_camera, seed, x, y, sample, entry_bounds(own_camera, {x, y, x + 1, y + 1}).front());
   PathSample result;
   trace_paths(
-      context_, {&r, 1}, [&](size_t, const PathSample& traced) { result = traced; }, counters);
+      context_, {&r, 1}, [&](size_t, const PathSample& traced) { result = traced, result.groups = nullptr; }, counters);
   return result;
 }
 

@@ -7,6 +7,7 @@
 #include "base/error.h"
 #include "base/text.h"
 #include "image/exr_io.h"
+#include "render/scene/light_groups.h"
 #include "render/session/render_session.h"
 
 namespace brume {
@@ -134,7 +135,10 @@ void describe_render(Layers& frame, const Scene& scene, const LayerRequest& laye
   header["sceneSettings"] = scene.settings;
   header["seed"] = std::to_string(job.seed);
   header["frame"] = scene.render.frame;
-  header["recordedLayers"] = join(layers.text(), ",");
+  LayerRequest recorded = layers;
+  recorded.light_groups = light_groups_of(scene).names;
+  recorded.light_parts = recorded.light_parts && !recorded.light_groups.empty();
+  header["recordedLayers"] = join(recorded.text(), ",");
   header["statistics"] = std::string(layers.buckets ? "buckets" : layers.statistics ? "halves" : "none");
   header["program"] = job.program;
 }

@@ -57,6 +57,7 @@ struct LaneEmission {
   LaneEmission& operator=(const LaneEmission&) = delete;
 
   const FieldLight* light;
+  size_t number = 0;  ///< of the field in the scene
   LocalBox box;
   std::array<std::vector<float>, 3> table;
   std::vector<float> stops, inverse_widths;

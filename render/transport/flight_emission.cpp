@@ -11,7 +11,7 @@ FlightEmission::FlightEmission(const PathContext& context, PathStates& paths, Wo
   for (size_t f = 0; f < c_.emissions.size(); ++f) {
     const EmissionField& field = c_.emissions[f];
     if (LaneEmission::fits(field))
-      in_lanes_.emplace_back(field, c_.emission_grids[f], c_.lights->field(f));
+      in_lanes_.emplace_back(field, c_.emission_grids[f], c_.lights->field(f)).number = f;
     else
       one_by_one_.push_back(f);
   }
@@ -43,7 +43,7 @@ void FlightEmission::see(const LaneEmission& field, const MediaFlights& flights)
   b_.dimmed.resize(flights.count());
   for (size_t m = 0; m < flights.count(); ++m) dim(field, m, flights.scene(m));
   lanes_seen_emission(field.cells, b_.dimmed, p_, b_.rays, b_.segments);
-  for (const size_t i : b_.rays) add(i, b_.segments.emitted[i]);
+  for (const size_t i : b_.rays) add(i, field.number, b_.segments.emitted[i]);
 }
 
 /// Where camera rays that see a field cross a medium.
@@ -85,8 +85,9 @@ void FlightEmission::add(std::initializer_list<const SlotList*> slots) {
 }
 
 /// Adds light that is emitted along the flight of a path.
-void FlightEmission::add(size_t i, const vec3& emitted) {
+void FlightEmission::add(size_t i, size_t field, const vec3& emitted) {
   const vec3 L = p_.throughput[i] * emitted;
+  w_.add_to_group(i, c_.lights->group_of_emission(field), L, is_direct(p_.events[i]));
   if (p_.events[i] == 0)
     b_.seen[i] += L;
   else
@@ -125,7 +126,7 @@ void FlightEmission::add_in_lanes(const LaneEmission& field, std::initializer_li
     segments.rival[i] = static_cast<float>(rival(i, *field.light) * unit * unit);
   }
   lanes_emission(field.cells, p_, b_.rays, segments);
-  for (const size_t i : b_.rays) add(i, segments.emitted[i]);
+  for (const size_t i : b_.rays) add(i, field.number, segments.emitted[i]);
 }
 
 void FlightEmission::add_one_by_one(size_t number, std::initializer_list<const SlotList*> slots) {
@@ -134,7 +135,7 @@ void FlightEmission::add_one_by_one(size_t number, std::initializer_list<const S
     for (const size_t i : *list) {
       if (!field.shape().homogeneous()) {
         Rng rng = PathGenerator(p_, i).stream();
-        add(i, vec3(field.integrate(w_.ray[i], 0, w_.end[i], emission_stride(p_.events[i]), w_.time[i], rng)));
+        add(i, number, vec3(field.integrate(w_.ray[i], 0, w_.end[i], emission_stride(p_.events[i]), w_.time[i], rng)));
         continue;
       }
       const auto [begin, end] = field.inside(w_.ray[i], 0, w_.end[i], w_.time[i]);
@@ -142,7 +143,7 @@ void FlightEmission::add_one_by_one(size_t number, std::initializer_list<const S
       double part = end - begin;
       if (p_.events[i] > 0 && c_.lights->field(number))
         part *= weight(i, number, begin + PathGenerator(p_, i).uniform() * (end - begin));
-      add(i, vec3(field.coefficient() * part));
+      add(i, number, vec3(field.coefficient() * part));
     }
 }
 
@@ -158,12 +159,13 @@ void FlightEmission::add_by_channel(const SlotList& slots, MediaFlights::Flown& 
     }
     if (!point.any()) continue;
     b_.point[i] = point.t();
+    b_.field[i] = point.chosen_source();
     b_.emitted[i] = vec3(point.value() * weight(i, point.chosen_source(), point.t()));
     b_.rays.push(i);
   }
   flown.passing(b_.rays, b_.point, b_.passing);
   for (const size_t i : b_.rays) {
-    add(i, vec3(channel_weights(p_, i, dvec3(b_.passing[i]))) * b_.emitted[i]);
+    add(i, b_.field[i], vec3(channel_weights(p_, i, dvec3(b_.passing[i]))) * b_.emitted[i]);
   }
 }
 

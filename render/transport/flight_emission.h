@@ -23,6 +23,7 @@ class FlightEmission {
     std::array<double, kPool> medium_point;  ///< ray parameters
     SlotList rays;
     std::array<double, kPool> point;  ///< ray parameters
+    std::array<size_t, kPool> field;
     std::array<vec3, kPool> emitted, passing;
   };
   /// Refers to all of them.
@@ -45,7 +46,7 @@ class FlightEmission {
   void dim(const LaneEmission& field, size_t medium, const LaneScene& scene);
   void add_in_lanes(const LaneEmission& field, std::initializer_list<const SlotList*> slots);
   void add_one_by_one(size_t field, std::initializer_list<const SlotList*> slots);
-  void add(size_t slot, const vec3& emitted);
+  void add(size_t slot, size_t field, const vec3& emitted);
   double rival(size_t slot, const FieldLight& light) const;
   double weight(size_t slot, size_t field, double t) const;
 

@@ -13,14 +13,15 @@ void LimitedLight::merge(const LimitedLight& other) {
   found += other.found;
 }
 
-void limit_indirect(double limit, dvec3& indirect, LimitedLight& count) {
+double limit_indirect(double limit, dvec3& indirect, LimitedLight& count) {
   const double found = (indirect.x + indirect.y + indirect.z) / 3;
-  if (!(limit > 0) || !std::isfinite(found)) return;
+  if (!(limit > 0) || !std::isfinite(found)) return 1;
   count.found += found;
-  if (!(found > limit)) return;
+  if (!(found > limit)) return 1;
   ++count.paths;
   count.taken += found - limit;
   indirect *= limit / found;
+  return limit / found;
 }
 
 void PathCounters::merge(const PathCounters& other) {

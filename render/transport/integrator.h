@@ -96,6 +96,7 @@ using SampleSink = std::function<void(size_t index, const PathSample& sample)>;
 
 /// Scales the indirect light of a path whose mean over the channels is above the limit down to it, and counts what it
 /// takes. Light that is not finite is left, to be rejected with its sample.
-void limit_indirect(double limit, dvec3& indirect, LimitedLight& count);
+/// @return  the factor
+double limit_indirect(double limit, dvec3& indirect, LimitedLight& count);
 
 }  // namespace brume

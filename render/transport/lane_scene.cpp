@@ -84,6 +84,7 @@ void set_lights(LaneScene& s, const Lights& lights, bool recorded) {
       lane_sun.radiance[a] = static_cast<float>(sun->delta() ? sun->irradiance()[a] : sun->disc_radiance()[a]);
     }
     lane_sun.delta = sun->delta();
+    lane_sun.group = sun->group;
     lane_sun.one_minus_cos = sun->delta() ? 0.0f : static_cast<float>(sun->one_minus_cos());
     lane_sun.pdf = sun->delta() ? 1.0f : static_cast<float>(1.0 / (2.0 * kPi * sun->one_minus_cos()));
     lane_sun.share = static_cast<float>(share);
@@ -118,6 +119,7 @@ LaneScene lane_scene(const PathContext& context, size_t number, WorldPaths& worl
   if (context.plan.light_sampling) set_lights(s, *context.lights, context.plan.layers.records);
   s.near_lights = context.plan.near_lights;
   s.world = &world;
+  s.grouped = !context.lights->groups().empty();
   s.keeps_local = context.plan.one_grid;
   s.flights_end = !s.keeps_local || context.plan.finite_lights;
   s.shadows_end = !s.keeps_local || s.lights != nullptr;

@@ -65,6 +65,7 @@ struct LaneScene : LaneCells {
     float one_minus_cos, pdf, share_end, share;
     float radiance[3];
     bool delta;
+    size_t group;  ///< Light::group
   };
   SunLight suns[kMostLaneSuns];
   size_t sun_count = 0;
@@ -79,6 +80,7 @@ struct LaneScene : LaneCells {
   const Medium* medium;
   WorldPaths* world;         ///< of the paths
   bool keeps_local = false;  ///< Plan::one_grid: paths stay in the medium's local coordinates from event to event
+  bool grouped = false;      ///< whether the light sample's group is kept
   bool flights_end = false;  ///< whether flights can end before the grid does
   bool shadows_end = false;  ///< whether shadow rays can
   const StopSignal* stop;    ///< polled inside flights; may be null

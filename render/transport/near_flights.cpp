@@ -58,7 +58,7 @@ void NearFlights::add(const NearLight& near, size_t i) {
   if (L == dvec3(0)) return;
   Rng rng = numbers.stream();
   L *= flights_.transmittance(media, shadow, sample.distance, rng) * flights_.transmittance(media, ray, t, rng);
-  deposit(p_, w_, i, p_.throughput[i] * vec3(L), p_.events[i] + 1);
+  deposit(p_, w_, i, p_.throughput[i] * vec3(L), p_.events[i] + 1, near.light->group);
 }
 
 }  // namespace brume

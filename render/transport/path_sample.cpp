@@ -8,12 +8,13 @@
 
 #include "base/error.h"
 #include "base/text.h"
+#include "image/light_layers.h"
 
 namespace brume {
 
 namespace {
 
-constexpr const char* kGuides = "guides";
+constexpr const char *kGuides = "guides", *kLightParts = "light_parts";
 
 }
 
@@ -60,15 +61,22 @@ LayerRequest LayerRequest::of(const std::vector<std::string>& names, bool statis
   LayerRequest request{{}, statistics, buckets};
   if (names == std::vector<std::string>{"all"}) {
     request.names = known;
-    request.guides = true;
+    request.guides = request.light_parts = true;
     return request;
   }
   known.emplace_back(kGuides);
+  known.emplace_back(kLightParts);
   for (const std::string& name : names) {
+    if (name.starts_with(kLightPrefix)) {
+      request.light_groups.push_back(name.substr(kLightPrefix.size()));
+      continue;
+    }
     if (std::find(known.begin(), known.end(), name) == known.end())
       throw InputError(fmt::format("no layer '{}' to record{}", name, suggestion(name, known)));
     if (name == kGuides)
       request.guides = true;
+    else if (name == kLightParts)
+      request.light_parts = true;
     else
       request.names.push_back(name);
   }
@@ -78,11 +86,25 @@ LayerRequest LayerRequest::of(const std::vector<std::string>& names, bool statis
 std::vector<std::string> LayerRequest::text() const {
   std::vector<std::string> all = names;
   if (guides) all.emplace_back(kGuides);
+  if (light_parts) all.emplace_back(kLightParts);
+  for (const std::string& group : light_groups) all.push_back(light_layer(group));
   return all;
 }
 
 bool LayerRequest::has(const LayerName& layer) const {
   return std::find(names.begin(), names.end(), layer.name) != names.end();
+}
+
+std::vector<LayerRequest::GroupLayer> LayerRequest::group_layers() const {
+  std::vector<GroupLayer> layers;
+  for (size_t g = 0; g < light_groups.size(); ++g) {
+    const std::string name = light_layer(light_groups[g]);
+    layers.push_back({name, 9 * g});
+    if (!light_parts) continue;
+    layers.push_back({name + ".direct", 9 * g + 3});
+    layers.push_back({name + ".indirect", 9 * g + 6});
+  }
+  return layers;
 }
 
 }  // namespace brume

@@ -20,6 +20,8 @@ struct PathSample {
   dvec3 surface_albedo{0}, normal{0}, position{0};
   double surface_share = 0, depth = 0;
   dvec3 flash{0}, catcher{0}, catcher_unshadowed{0};
+  /// Where there are light groups, three of each: all of its light, direct, indirect. Valid until the sink returns.
+  const dvec3* groups = nullptr;
 
   const double* values() const { return &beauty.x; }
 };
@@ -36,15 +38,24 @@ const std::vector<RecordedLayer>& recordable_layers();
 /// Which layers a render records, and with which statistics.
 struct LayerRequest {
   std::vector<std::string> names = {"direct", "indirect", "gradient", "coverage", "transmittance"};
-  bool statistics = true;  ///< mean_variance, half_a, half_b of each
-  bool buckets = false;    ///< and eight bucket means
-  bool guides = false;     ///< and the noise-free layers of render/guides
-  bool records = false;    ///< keep what happened to each path, for RenderJob::records
+  bool statistics = true;                      ///< mean_variance, half_a, half_b of each
+  bool buckets = false;                        ///< and eight bucket means
+  bool guides = false;                         ///< and the noise-free layers of render/guides
+  bool light_parts = false;                    ///< and direct and indirect light of each light group
+  std::vector<std::string> light_groups = {};  ///< the scene's: their light is recorded wherever there are any
+  bool records = false;                        ///< keep what happened to each path, for RenderJob::records
 
-  /// Names as in the EXR; the beauty and the counts always come. "guides" is all of them, "all" every layer.
+  /// Names as in the EXR; the beauty and the counts always come. "guides" is all of them, "light_parts" the direct and
+  /// indirect light of light groups, "all" every layer.
   /// @throws InputError for a name brume does not record
   static LayerRequest of(const std::vector<std::string>& names, bool statistics, bool buckets = false);
   bool has(const LayerName& layer) const;
+  /// Of light groups: "light.key", "light.key.direct"; each R, G, B.
+  struct GroupLayer {
+    std::string name;
+    size_t offset;  ///< in doubles from PathSample::groups
+  };
+  std::vector<GroupLayer> group_layers() const;
   /// As of() takes them.
   std::vector<std::string> text() const;
 };

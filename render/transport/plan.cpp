@@ -81,6 +81,8 @@ Plan make_plan(const Scene& scene, const SceneMedia& media, const Lights& lights
                                layer::normal, layer::depth, layer::position, layer::catcher, layer::catcher_unshadowed})
       plan.first_surface = plan.first_surface || layers.has(l) || layers.records;
   plan.layers = layers;
+  plan.layers.light_groups = lights.groups();
+  plan.layers.light_parts = layers.light_parts && !lights.groups().empty();
   plan.near_lights = choose_near_lights(all, lights, scene.render.near_lights);
   plan.interpolate = scene.render.lookup == "interpolated";
   plan.one_grid = is_one_grid(plan, media, lights);

@@ -180,6 +180,9 @@ class Collisions {
       s.light = select(mine, set3(sun.radiance), s.light);
       s.pdf = hn::IfThenElse(mine, set(sun.pdf * sun.share), s.pdf);
       if (sun.delta) s.delta = hn::Or(s.delta, mine);
+      if (scene_.grouped)
+        for (uint32_t left = bits_of(mine) & valid_bits_; left; left &= left - 1)
+          note_group(std::countr_zero(left), sun.group);
     }
     return chosen;
   }
@@ -207,17 +210,24 @@ class Collisions {
     s = {wi.load(), light.load(), hn::Load(d, pdf), hn::Or(s.delta, mask_of(delta))};
   }
 
+  /// Keeps the light group of a lane's sample.
+  void note_group(size_t lane, size_t group) const {
+    scene_.world->sampled_group[static_cast<size_t>(slots_[lane])] = group;
+  }
+
   LightSample sample_other(size_t lane, double choice, const dvec2& u) const {
     const auto s = static_cast<size_t>(slots_[lane]);
     if (!scene_.lights) {
       LightSample sample = scene_.environment->sample(u);
       sample.delta = false;
       sample.pdf *= static_cast<double>(scene_.environment_share);
+      if (scene_.grouped) note_group(lane, scene_.environment->group);
       return sample;
     }
     const dvec3 p = position(lane);
     LightSample sample = scene_.lights->sample_visible(p, choice, u, scene_.samples_fields);
     sample.radiance *= far_share(scene_.near_lights, sample.light, p);
+    if (scene_.grouped && sample.light) note_group(lane, sample.light->group);
     if (scene_.keeps_local)
       paths_.shadow.end[s] = static_cast<float>(std::min(sample.distance / scene_.unit, 1e30));
     else

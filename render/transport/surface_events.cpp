@@ -83,9 +83,9 @@ bool SurfaceEvents::pass_catcher(size_t i, const Vertex& v, SlotList& shadows) {
 /// Light of the surface itself, against light sampling at the vertex before.
 void SurfaceEvents::emit(size_t i, const Vertex& v, const dvec3& radiance) {
   const WorldPaths::Past& past = w_.past[i];
+  const MeshLight& light = c_.lights->mesh(c_.surfaces->light_of(v.hit.surface));
   double pdf_light = 0;
   if (c_.plan.light_sampling) {
-    const MeshLight& light = c_.lights->mesh(c_.surfaces->light_of(v.hit.surface));
     pdf_light = c_.lights->choice(past.samples_fields).probability(light, w_.from_vertex(i).o) *
                 light.pdf(past.passed + v.hit.t, glm::dot(v.wo, v.hit.normal));
   }
@@ -93,8 +93,9 @@ void SurfaceEvents::emit(size_t i, const Vertex& v, const dvec3& radiance) {
   const bool one_technique = p_.events[i] == 0 || past.specular;
   const double weight = one_technique ? 1.0 : balance(static_cast<double>(p_.pdf[i]), pdf_light);
   const dvec3 L = throughput(i) * radiance * weight;
-  if (p_.events[i] > 0) return deposit(p_, w_, i, vec3(L), p_.events[i]);
+  if (p_.events[i] > 0) return deposit(p_, w_, i, vec3(L), p_.events[i], light.group);
   w_.surface[i] += vec3(L);
+  w_.add_to_group(i, light.group, vec3(L), /*direct=*/true);
   if (c_.plan.first_surface) samples_[i].surface_emission += L;
 }
 

@@ -59,6 +59,10 @@ class Wavefront {
         flights_(c_, p_, w_, counters_.tracking),
         camera_rays_(context, requests, p_, w_, flights_, pool_.camera_rays, pool_.samples) {
     w_.any_surface = c_.surfaces != nullptr;
+    w_.groups = c_.lights->groups().size();
+    w_.group_light.resize(kPool * w_.groups);
+    found_.resize(w_.groups);
+    group_values_.resize(3 * w_.groups);
     if (c_.plan.emission) emission_.emplace(c_, p_, w_, *pool_.emission);
     if (!c_.plan.near_lights.empty()) near_flights_.emplace(c_, p_, w_, flights_, counters_.tracking);
     if (c_.surfaces) surfaces_.emplace(c_, p_, w_, pool_.samples, counters_);
@@ -129,6 +133,7 @@ class Wavefront {
     p_.throughput.set(i, vec3(1));
     p_.direct.set(i, vec3(0));
     p_.indirect.set(i, vec3(0));
+    w_.clear_groups(i);
     p_.camera_transmittance[i] = 1.0f;
     p_.events[i] = 0;
     p_.request[i] = static_cast<uint32_t>(index);
@@ -146,6 +151,7 @@ class Wavefront {
   /// A path that meets nothing but the background.
   void pass_by(size_t index) {
     PathSample sample;
+    std::fill(found_.begin(), found_.end(), FoundLight{});
     see_background(requests_[index].ray, dvec3(1), sample, /*alone=*/true);
     deliver(index, sample, false);
   }
@@ -300,7 +306,7 @@ class Wavefront {
       if (w_.past_of(i, c_.plan).to_catcher)
         pool_.samples[i].catcher += dvec3(L);
       else
-        deposit(p_, w_, i, L, p_.events[i]);
+        deposit(p_, w_, i, L, p_.events[i], w_.sampled_group[i]);
     }
   }
 
@@ -325,8 +331,11 @@ class Wavefront {
     const FiniteLight* const passes = light && !light->solid() ? light : nullptr;
     if (events > 0)
       deposit(p_, w_, i, p_.throughput[i] * vec3(light_ahead(i, light)), events);
-    else if (passes)
-      w_.surface[i] += p_.throughput[i] * vec3(passes->radiance(w_.from_vertex(i), w_.past[i].passed + w_.end[i]));
+    else if (passes) {
+      const vec3 L = p_.throughput[i] * vec3(passes->radiance(w_.from_vertex(i), w_.past[i].passed + w_.end[i]));
+      w_.surface[i] += L;
+      w_.add_to_group(i, passes->group, L, /*direct=*/true);
+    }
     if (!passes) {
       finish(i);
       return;
@@ -336,8 +345,12 @@ class Wavefront {
     pool_.passed.push(i);
   }
 
-  /// What a scattered path finds by its direction, weighted against light sampling.
-  dvec3 light_ahead(size_t i, const FiniteLight* light) const {
+  /// What a scattered path finds by its direction, weighted against light sampling. Groups get theirs.
+  dvec3 light_ahead(size_t i, const FiniteLight* light) {
+    const auto of_group = [&](const Light& of, const dvec3& L) {
+      w_.add_to_group(i, of.group, p_.throughput[i] * vec3(L), is_direct(p_.events[i]));
+      return L;
+    };
     const WorldPaths::Past& past = w_.past_of(i, c_.plan);
     const Ray ray = c_.plan.one_grid ? from_event(i) : w_.from_vertex(i);
     const auto share = [&](const Light& of) {
@@ -351,39 +364,47 @@ class Wavefront {
     if (light) {
       const double t = past.passed + w_.end[i];
       const dvec3 L = light->radiance(ray, t) * weight(share(*light) * light->pdf(ray, t));
-      return past.on_surface ? L : L * far_share(c_.plan.near_lights, light, ray.o);
+      return of_group(*light, past.on_surface ? L : L * far_share(c_.plan.near_lights, light, ray.o));
     }
     dvec3 L(0);
     for (const InfiniteLight* infinite : c_.lights->infinite()) {
       const dvec3 radiance = infinite->radiance(ray.d);
       if (radiance == dvec3(0)) continue;
       const double probability = share(*infinite);
-      L += radiance * weight(probability > 0 ? probability * infinite->pdf(ray.d) : 0.0);
+      L += of_group(*infinite, radiance * weight(probability > 0 ? probability * infinite->pdf(ray.d) : 0.0));
     }
     return L;
   }
 
   /// What a camera ray sees behind the medium, in full precision.
-  void see_background(const Ray& ray, const dvec3& transmittance, PathSample& sample, bool alone) const {
+  void see_background(const Ray& ray, const dvec3& transmittance, PathSample& sample, bool alone) {
     sample.transmittance = transmittance;
+    const auto see = [&](const Light& light, const dvec3& radiance) {
+      sample.background += transmittance * radiance;
+      if (!found_.empty()) found_[light.group].direct += transmittance * radiance;
+    };
     auto [light, t] = c_.lights->nearest(ray, kUnbounded, true);
     while (light && !light->solid()) {
       // A path has added it where it passed; a ray that meets nothing has no path.
-      if (alone) sample.background += transmittance * light->radiance(ray, t);
+      if (alone) see(*light, light->radiance(ray, t));
       std::tie(light, t) = c_.lights->nearest(ray, kUnbounded, true, t);
     }
     if (light) {
-      sample.background += transmittance * light->radiance(ray, t);
+      see(*light, light->radiance(ray, t));
       return;
     }
     for (const InfiniteLight* infinite : c_.lights->infinite())
-      if (infinite->visible()) sample.background += transmittance * infinite->radiance(ray.d);
+      if (infinite->visible()) see(*infinite, infinite->radiance(ray.d));
   }
 
   void finish(size_t i) {
     const dvec3 throughput(p_.throughput[i]);
     PathSample s;
     if (keeps_samples()) s = pool_.samples[i];
+    for (size_t g = 0; g < found_.size(); ++g) {
+      const WorldPaths::GroupLight& light = w_.group_light[i * w_.groups + g];
+      found_[g] = {dvec3(light.direct), dvec3(light.indirect)};
+    }
     if (!c_.plan.one_grid) s.surface = dvec3(w_.surface[i]);
     if (w_.past_of(i, c_.plan).in_hole)
       s.transmittance = throughput;  // nothing is there, and alpha says so
@@ -400,9 +421,16 @@ class Wavefront {
     free_.push_back(i);
   }
 
-  void deliver(size_t request, PathSample& s, bool surface_first) const {
+  void deliver(size_t request, PathSample& s, bool surface_first) {
     s.direct = s.background + s.emission + s.single + s.surface;
-    limit_indirect(c_.indirect_limit, s.indirect, counters_.limited);
+    const double limited = limit_indirect(c_.indirect_limit, s.indirect, counters_.limited);
+    for (size_t g = 0; g < found_.size(); ++g) {
+      const dvec3 direct = found_[g].direct, indirect = limited * found_[g].indirect;
+      group_values_[3 * g] = direct + indirect;
+      group_values_[3 * g + 1] = direct;
+      group_values_[3 * g + 2] = indirect;
+    }
+    s.groups = group_values_.data();
     (surface_first ? s.surface_indirect : s.volume_indirect) = s.indirect;
     s.beauty = s.direct + s.indirect;
     if (c_.plan.flash) s.flash = flash_image(s.direct, c_.flash.intensity, s.flash);
@@ -423,6 +451,11 @@ class Wavefront {
   std::optional<NearFlights> near_flights_;
   std::optional<SurfaceEvents> surfaces_;
   std::optional<PathRecorder> recorder_;
+  struct FoundLight {
+    dvec3 direct{0}, indirect{0};
+  };
+  std::vector<FoundLight> found_;    // by light group, of the path that ends
+  std::vector<dvec3> group_values_;  // PathSample::groups
   size_t next_ = 0;
   std::vector<size_t> free_;
   std::array<bool, kPool> alive_{};

@@ -46,9 +46,16 @@ struct WorldPaths {
     double passed = 0;              ///< from the last vertex to the light that its ray passed and goes on from
   };
   std::array<Past, kPool> past;
-  bool any_surface = false;               ///< in the scene
-  std::array<vec3, kPool> surface;        ///< light of surfaces that emit or are lit directly
-  std::array<PathRecord*, kPool> record;  ///< to be filled; null where none is wanted
+  bool any_surface = false;         ///< in the scene
+  std::array<vec3, kPool> surface;  ///< light of surfaces that emit or are lit directly
+  /// Light of each light group by itself, for each slot; none where the scene has no groups.
+  struct GroupLight {
+    vec3 direct{0}, indirect{0};
+  };
+  size_t groups = 0;
+  std::vector<GroupLight> group_light;
+  std::array<size_t, kPool> sampled_group;  ///< of the light sample
+  std::array<PathRecord*, kPool> record;    ///< to be filled; null where none is wanted
 
   /// A path's ray from its last vertex on, which lies `past.passed` before it.
   Ray from_vertex(size_t slot) const { return {ray[slot].o - past[slot].passed * ray[slot].d, ray[slot].d}; }
@@ -60,9 +67,21 @@ struct WorldPaths {
     return plan.samples_fields(0) ? kSamplesFields : kNone;
   }
 
-  /// Keeps how far a light sample is, and, of the first event, what was drawn.
+  /// Prepares a path's groups.
+  void clear_groups(size_t slot) {
+    for (size_t g = 0; g < groups; ++g) group_light[slot * groups + g] = {};
+  }
+  /// Adds light to a group, where there are any.
+  void add_to_group(size_t slot, size_t group, const vec3& L, bool direct) {
+    if (groups == 0) return;
+    GroupLight& found = group_light[slot * groups + group];
+    (direct ? found.direct : found.indirect) += L;
+  }
+
+  /// Keeps how far a light sample is, its group and, of the first event, what was drawn.
   void note_light(size_t slot, const LightSample& sample, const dvec2& u, bool first) {
     shadow_end[slot] = sample.distance;
+    if (sample.light) sampled_group[slot] = sample.light->group;
     if (!record[slot] || !first) return;
     record[slot]->light_1 = static_cast<float>(sample.index);
     record[slot]->light_uv_1 = vec2(u);
@@ -123,6 +142,12 @@ inline void deposit(PathStates& p, WorldPaths& world, size_t i, const vec3& L, u
   }
   Column3& sum = direct ? p.direct : p.indirect;
   sum.set(i, sum[i] + L);
+}
+
+/// The same, and to its light group.
+inline void deposit(PathStates& p, WorldPaths& world, size_t i, const vec3& L, uint32_t events, size_t group) {
+  world.add_to_group(i, group, L, is_direct(events));
+  deposit(p, world, i, L, events);
 }
 
 }  // namespace brume

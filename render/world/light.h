@@ -29,6 +29,8 @@ class Light {
   virtual bool delta() const { return false; }
   /// Where a small light sits, around which its light falls off with the square of the distance; null for the others.
   virtual const dvec3* centre() const { return nullptr; }
+
+  size_t group = 0;  ///< in Lights::groups
 };
 
 /// Light from infinitely far away.

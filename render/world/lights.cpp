@@ -3,6 +3,7 @@
 #include <fmt/format.h>
 
 #include <algorithm>
+#include <set>
 
 #include "render/world/everywhere.h"
 #include "render/world/sky.h"
@@ -72,7 +73,7 @@ double LightChoice::total(const dvec3& p) const {
   return total;
 }
 
-Lights::Lights(const Scene& scene, const dvec3& world_shift, const Task& task) {
+Lights::Lights(const Scene& scene, const dvec3& world_shift, const Task& task) : groups_(light_groups_of(scene)) {
   const dvec3 from_infinity = light_from_infinity(scene);
   EnvironmentSettings around = scene.environment;
   around.radiance *= from_infinity;
@@ -83,7 +84,9 @@ Lights::Lights(const Scene& scene, const dvec3& world_shift, const Task& task) {
   std::vector<LightSettings> settings = scene.lights;
   if (scene.environment.sky == "preetham" && scene.environment.sky_sun)
     settings.push_back(preetham_sun(scene.environment));
-  for (LightSettings& s : settings) {
+  all_.back()->group = groups_.environment;
+  for (size_t i = 0; i < settings.size(); ++i) {
+    LightSettings& s = settings[i];
     if (s.type == "sun") {
       s.irradiance *= from_infinity;
       if (s.irradiance == dvec3(0)) continue;
@@ -104,14 +107,21 @@ Lights::Lights(const Scene& scene, const dvec3& world_shift, const Task& task) {
       points_.push_back(light.get());
       all_.push_back(std::move(light));
     }
+    // What a sky brings is of its group.
+    all_.back()->group = i < groups_.lights.size() ? groups_.lights[i] : groups_.environment;
   }
 }
 
-size_t Lights::add_mesh(const TriangleMesh& mesh, const dvec3& radiance, bool two_sided) {
+size_t Lights::add_mesh(const TriangleMesh& mesh, const dvec3& radiance, bool two_sided, size_t surface) {
   auto light = std::make_unique<MeshLight>(mesh, radiance, two_sided);
+  if (!groups().empty()) light->group = groups_.surfaces[surface];
   meshes_.push_back(light.get());
   all_.push_back(std::move(light));
   return meshes_.size() - 1;
+}
+
+void Lights::set_emissions(const std::vector<size_t>& volumes) {
+  for (const size_t volume : volumes) emission_groups_.push_back(groups().empty() ? 0 : groups_.volumes[volume]);
 }
 
 void Lights::add_field(const EmissionField& field, const Task& task) {
@@ -119,8 +129,25 @@ void Lights::add_field(const EmissionField& field, const Task& task) {
   if (!FieldLight::fits(field)) return;
   auto light = std::make_unique<FieldLight>(field, task);
   if (!shines(*light)) return;
+  light->group = group_of_emission(fields_.size() - 1);
   fields_.back() = light.get();
   all_.push_back(std::move(light));
+}
+
+std::optional<size_t> Lights::group_of_all_emissions() const {
+  const auto& all = emission_groups_;
+  if (all.empty() || std::any_of(all.begin(), all.end(), [&](size_t group) { return group != all[0]; })) return {};
+  return all[0];
+}
+
+std::optional<size_t> Lights::group_of_background() const {
+  std::set<size_t> seen;
+  for (const InfiniteLight* light : infinite_)
+    if (light->visible()) seen.insert(light->group);
+  for (const FiniteLight* light : finite_)
+    if (light->visible()) seen.insert(light->group);
+  for (const MeshLight* light : meshes_) seen.insert(light->group);
+  return seen.size() == 1 ? std::optional(*seen.begin()) : std::nullopt;
 }
 
 void Lights::finish(const std::string& mode) {

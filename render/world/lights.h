@@ -1,9 +1,11 @@
 #pragma once
 #include <algorithm>
 #include <memory>
+#include <optional>
 #include <string>
 #include <vector>
 
+#include "render/scene/light_groups.h"
 #include "render/world/environment.h"
 #include "render/world/field_light.h"
 #include "render/world/light_kinds.h"
@@ -39,12 +41,25 @@ class Lights {
   Lights() = default;
   /// @param world_shift  subtracted from positions
   Lights(const Scene& scene, const dvec3& world_shift, const Task& task = {});
-  /// A mesh that emits; returns its number for mesh().
-  size_t add_mesh(const TriangleMesh& mesh, const dvec3& radiance, bool two_sided);
+  /// A mesh that emits; returns its number for mesh(). @param surface  its number in the scene
+  size_t add_mesh(const TriangleMesh& mesh, const dvec3& radiance, bool two_sided, size_t surface);
+  /// The volumes of all fields that emit. @param volumes  numbers in the scene
+  void set_emissions(const std::vector<size_t>& volumes);
   /// A field that emits; fields keep their order. One that moves or emits nothing is no light.
   void add_field(const EmissionField& field, const Task& task = {});
   /// To be called once all lights are there.
   void finish(const std::string& mode);
+
+  /// Names of the scene's light groups, which have layers of their own; empty: it has none.
+  const std::vector<std::string>& groups() const { return groups_.names; }
+  /// Empty where there are no groups.
+  std::string group_name(size_t group) const { return groups().empty() ? "" : groups()[group]; }
+  /// The group of everything that emits in the media; nothing where it is of several.
+  std::optional<size_t> group_of_all_emissions() const;
+  /// The group of everything that camera rays can see; nothing where it is of several.
+  std::optional<size_t> group_of_background() const;
+  /// Of a field that emits, by its number.
+  size_t group_of_emission(size_t field) const { return field < emission_groups_.size() ? emission_groups_[field] : 0; }
 
   const std::vector<const InfiniteLight*>& infinite() const { return infinite_; }
   const std::vector<const FiniteLight*>& finite() const { return finite_; }
@@ -94,6 +109,8 @@ class Lights {
   std::vector<std::string> notes() const;
 
  private:
+  LightGroups groups_;
+  std::vector<size_t> emission_groups_;
   std::vector<std::unique_ptr<Light>> all_;  // the environment first, black or not
   std::vector<const InfiniteLight*> infinite_;
   std::vector<const FiniteLight*> finite_;

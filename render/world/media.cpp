@@ -98,7 +98,10 @@ VectorField load_colour_field(const std::filesystem::path& file, const std::stri
 }
 
 SceneMedia::SceneMedia(const Scene& scene, const Task& task) {
-  for (const VolumeSettings& v : scene.volumes) load(v, scene, task);
+  for (size_t i = 0; i < scene.volumes.size(); ++i) {
+    load(scene.volumes[i], scene, task);
+    emission_volumes_.resize(emissions_.size(), i);
+  }
   for (Medium& m : media_) m.set_majorants(scene.render.majorant_scale, scene.render.majorants == "global");
   bounds_ = {scene.camera.look_at - world_shift_, 1.0};
   bool first = true;

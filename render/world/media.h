@@ -32,6 +32,8 @@ class SceneMedia {
   /// Those with any extinction in them.
   const std::vector<Medium>& media() const { return media_; }
   const std::vector<EmissionField>& emissions() const { return emissions_; }
+  /// The volume of the scene that each of them is of.
+  const std::vector<size_t>& emission_volumes() const { return emission_volumes_; }
   /// Encloses them all; what the camera looks at where there is none.
   Medium::Sphere bounds() const { return bounds_; }
   const std::vector<std::string>& notes() const { return notes_; }
@@ -52,6 +54,7 @@ class SceneMedia {
   std::vector<std::shared_ptr<Volume>> volumes_;
   std::vector<Medium> media_;
   std::vector<EmissionField> emissions_;
+  std::vector<size_t> emission_volumes_;
   dvec3 world_shift_{0};
   bool shifted_ = false;
   Medium::Sphere bounds_;

@@ -1,0 +1,69 @@
+#include <memory>
+
+#include "apps/cli/command.h"
+#include "base/error.h"
+#include "base/output_file.h"
+#include "base/text.h"
+#include "image/exr_io.h"
+#include "render/scene/scene_io.h"
+#include "render/scene/scene_outline.h"
+#include "workflows/frame.h"
+#include "workflows/mix_lights.h"
+
+namespace brume::app {
+namespace {
+
+struct Options {
+  std::string frame, gain, output, preview, scene, save_scene;
+  std::vector<std::string> colours;
+  PictureOptions picture;
+};
+
+/// The scene beside its mix, with lights as the mix has them.
+void save_scene(const Options& o, const LightMix& mix) {
+  const std::filesystem::path inputs[] = {o.scene};
+  check_writable(o.save_scene, inputs, ".toml");
+  const std::string text = read_scene_text(o.scene);
+  write_text(o.save_scene, edited_scene(text, o.scene, assignments_of_mix(text, o.scene, mix)));
+}
+
+int run(const Options& o, const Common& common) {
+  if (o.scene.empty() != o.save_scene.empty())
+    throw InputError("--scene and --save-scene belong together: the scene that was rendered, and where its mix goes");
+  LightMix mix;
+  for (const std::string& gain : o.gain.empty() ? std::vector<std::string>{} : split(o.gain, ','))
+    add_to_mix(mix, gain);
+  for (const std::string& colour : o.colours) add_to_mix(mix, colour);
+  const std::filesystem::path inputs[] = {o.frame};
+  check_writable(o.output, inputs, ".exr");
+  const Host host = make_host(common);
+  Layers mixed;
+  try {
+    mixed = mix_lights(read_frame(ExrFile(o.frame), host), mix);
+  } catch (const InputError& error) {
+    throw InputError(o.frame + ": " + error.what());
+  }
+  if (!o.save_scene.empty()) save_scene(o, mix);
+  write_exr(o.output, mixed, host.silent());
+  if (!o.preview.empty()) o.picture.write(o.preview, mixed);
+  print(o.output + "\n");
+  return kDone;
+}
+
+}  // namespace
+
+void add_mix(CLI::App& app, Common& common, Commands& commands) {
+  const auto options = std::make_shared<Options>();
+  Options& o = *options;
+  const Verb command = add_command(app, common, "mix", "other lights in a frame with light groups, without rendering");
+  command("frame", o.frame, "EXR with layers light.GROUP, clean or not")->required();
+  command("--gain", o.gain, "brightness of groups: key=2,rim=0");
+  command("--colour,--color", o.colours, "colours that groups are multiplied by: fill=1,.8,.6 rim=.5,.5,1");
+  command("-o,--output", o.output, "EXR to write")->required();
+  command("--png", o.preview, "a PNG of it, too");
+  command("--scene", o.scene, "the scene that was rendered");
+  command("--save-scene", o.save_scene, "TOML to write: the same scene with its lights as they are mixed");
+  commands[command] = [options, &common] { return run(*options, common); };
+}
+
+}  // namespace brume::app

@@ -1,0 +1,36 @@
+#include "apps/python/bindings.h"
+#include "apps/python/convert.h"
+#include "workflows/mix_lights.h"
+
+namespace brume::python {
+namespace {
+
+/// "key=2" of the pair of a dict; a colour is three numbers.
+std::string assignment_of(const std::string& argument, const std::pair<py::handle, py::handle>& item) {
+  const std::string group = to_text(item.first);
+  if (!py::isinstance<py::sequence>(item.second))
+    return fmt::format("{}={}", group, to_positive(argument, item.second, /*or_zero=*/true));
+  std::vector<double> numbers;
+  for (const py::handle number : item.second) numbers.push_back(to_positive(argument, number, /*or_zero=*/true));
+  return fmt::format("{}={}", group, fmt::join(numbers, ","));
+}
+
+LayersPointer mix(const py::object& frame, const py::dict& gain, const py::dict& colour) {
+  LightMix factors;
+  for (const auto& item : gain) add_to_mix(factors, assignment_of("gain", item));
+  for (const auto& item : colour) add_to_mix(factors, assignment_of("colour", item));
+  return std::make_shared<Layers>(mix_lights(*to_layers(frame), factors));
+}
+
+}  // namespace
+
+void bind_mix(py::module_& module) {
+  module.def(
+      "mix", &mix, py::arg("frame"), py::kw_only(), py::arg("gain") = py::dict(), py::arg("colour") = py::dict(),
+      "A frame with light groups as it would be with other lights, without rendering.\n\n"
+      "gain: factors by names of groups, {\"key\": 2}. colour: the same with three numbers, for red, green and\n"
+      "blue. Groups that are not named stay. The picture is the sum of the groups, clean where the frame is; its\n"
+      "other parts are left out. Raises InputError for a frame without groups, or without one that is named.");
+}
+
+}  // namespace brume::python

@@ -1,0 +1,142 @@
+// Light groups: each is what its lights alone would make, all of them together are the picture.
+
+#include "render/scene/light_groups.h"
+
+#include <gtest/gtest.h>
+
+#include <cmath>
+
+#include "image/light_layers.h"
+#include "render/scene/scene_io.h"
+#include "render/session/renderer.h"
+#include "tests/support/error_of.h"
+#include "tests/support/files.h"
+#include "tests/support/random_scene.h"
+#include "tests/support/reference_frame.h"
+#include "tests/support/volumes.h"
+
+namespace brume {
+namespace {
+
+/// The same scene, dark but for one group. Lamps stay, as they hide what lies behind.
+Scene only(Scene scene, size_t group) {
+  const LightGroups groups = light_groups_of(scene);
+  if (groups.environment != group) {
+    scene.environment.radiance = dvec3(0);
+    scene.environment.sky = "none";
+  }
+  for (size_t i = 0; i < scene.lights.size(); ++i)
+    if (LightSettings& l = scene.lights[i]; groups.lights[i] != group)
+      l.irradiance = l.radiance = l.intensity = dvec3(0);
+  for (size_t i = 0; i < scene.surfaces.size(); ++i)
+    if (groups.surfaces[i] != group) scene.surfaces[i].radiance = dvec3(0);
+  for (size_t i = 0; i < scene.volumes.size(); ++i)
+    if (VolumeSettings& v = scene.volumes[i]; groups.volumes[i] != group) {
+      v.emission = dvec3(0);
+      v.temperature_grid = v.flame_grid = "none";
+    }
+  return scene;
+}
+
+void expect_sum(const Layers& frame, const std::vector<std::string>& groups, const std::string& part,
+                const LayerName& whole) {
+  for (size_t c = 0; c < 3; ++c)
+    for (int y = 0; y < frame.height(); ++y)
+      for (int x = 0; x < frame.width(); ++x) {
+        double sum = 0;
+        for (const std::string& group : groups)
+          sum += static_cast<double>(frame.at(light_layer(group) + part + "." + whole.channels[c])(x, y));
+        const double expected = static_cast<double>((*frame.rgb(whole)[c])(x, y));
+        ASSERT_NEAR(sum, expected, 3e-6 * std::abs(expected) + 1e-9) << whole.label() << " " << x << " " << y;
+      }
+}
+
+class LightGroupsOf : public ::testing::TestWithParam<uint64_t> {};
+
+// Grids, homogeneous, chromatic and moving media, fires, surfaces, and lights of all kinds.
+TEST_P(LightGroupsOf, RandomScenesAddUpAndAreTheirLightsAlone) {
+  constexpr int kSamples = 96;
+  const test::TemporaryFolder folder;
+  const test::RandomScene random = test::random_scene(GetParam(), folder.path(), 4);
+  SCOPED_TRACE(random.text());
+  Scene scene = random.scene;
+  const LayerRequest layers = LayerRequest::of({"light_parts"}, true);
+  const Layers without = PreparedScene(scene, layers).render(kSamples, 1).layers;
+  scene.render.light_groups = true;
+  const Layers frame = PreparedScene(scene, layers).render(kSamples, 1).layers;
+  for (size_t c = 0; c < 3; ++c)
+    for (int y = 0; y < frame.height(); ++y)
+      for (int x = 0; x < frame.width(); ++x)
+        ASSERT_EQ((*frame.rgb(layer::beauty)[c])(x, y), (*without.rgb(layer::beauty)[c])(x, y)) << "the picture's bits";
+  const std::vector<std::string> names = light_groups_of(scene).names;
+  expect_sum(frame, names, "", layer::beauty);
+  for (size_t g = 0; g < names.size(); ++g) {
+    SCOPED_TRACE(names[g]);
+    const std::string layer = light_layer(names[g]);
+    const test::Mean together = test::mean_radiance(frame, {layer, "RGB", ""});
+    const test::Mean alone = test::mean_radiance(PreparedScene(only(scene, g), layers).render(kSamples, 2).layers);
+    for (int c = 0; c < 3; ++c)
+      EXPECT_LE(std::abs(together.value[c] - alone.value[c]),
+                test::kSigmas * std::hypot(together.error[c], alone.error[c]) + 1e-9)
+          << together.value[c] << " and " << alone.value[c];
+  }
+}
+
+INSTANTIATE_TEST_SUITE_P(Seeds, LightGroupsOf, ::testing::Values(11, 19, 21, 32, 48, 51, 69, 73, 74, 89, 172, 195));
+
+constexpr const char* kScene = R"(
+[camera]
+position = [0, -5, 0]
+look_at = [0, 0, 0]
+[film]
+width = 16
+height = 12
+[environment]
+radiance = 0.2
+[[volumes]]
+shape = "sphere"
+sigma_t = 3
+[[lights]]
+type = "sun"
+direction = [1, -1, 1]
+irradiance = 1
+group = "key"
+[[lights]]
+type = "point"
+position = [-1, -1, 1]
+intensity = 1
+)";
+
+TEST(LightGroups, WhatHasNoNameIsTheRest) {
+  EXPECT_EQ(light_groups_of(parse_scene(kScene, "scene.toml")).names, (std::vector<std::string>{"key", "rest"}));
+  const LightGroups each =
+      light_groups_of(parse_scene(kScene, "s.toml", std::vector<std::string>{"render.light_groups=true"}));
+  EXPECT_EQ(each.names, (std::vector<std::string>{"key", "sky", "point"}));
+  EXPECT_EQ(each.environment, 1u);
+  EXPECT_EQ(each.lights, (std::vector<size_t>{0, 2}));
+  EXPECT_TRUE(
+      light_groups_of(parse_scene(kScene, "s.toml", std::vector<std::string>{"lights.0.enabled=false"})).names.empty());
+}
+
+TEST(LightGroups, BadNamesAreRefused) {
+  for (const char* name : {"", "rest", "a.b", "a b", "half_a", "bucket_3"}) {
+    const std::string text = test::error_of([&] {
+      parse_scene(kScene, "scene.toml", std::vector<std::string>{std::string("lights.1.group=\"") + name + "\""});
+    });
+    EXPECT_NE(text.find("'group'"), std::string::npos) << name << ": " << text;
+  }
+  EXPECT_NE(test::error_of([] {
+              parse_scene(kScene, "scene.toml", std::vector<std::string>{"volumes.0.group=\"fire\""});
+            }).find("nothing shines"),
+            std::string::npos);
+}
+
+// Limited light is taken from all groups alike, and parts merge.
+TEST(LightGroups, AddUpWhereIndirectLightIsLimited) {
+  const Scene scene = parse_scene(kScene, "scene.toml", std::vector<std::string>{"render.indirect_limit=0.05"});
+  const Layers frame = PreparedScene(scene, LayerRequest::of({"light_parts"}, true)).render(8, 1).layers;
+  expect_sum(frame, {"key", "rest"}, "", layer::beauty);
+}
+
+}  // namespace
+}  // namespace brume
