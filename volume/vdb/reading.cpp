@@ -120,6 +120,20 @@ std::vector<GridEntry> entries_of(openvdb::io::File& file) {
   return entries;
 }
 
+/// A NanoVDB file as the .vdb that it came from, which lies in memory alone.
+std::unique_ptr<openvdb::io::File> open_nano(const fs::path& path) {
+  const MemoryFile memory;
+  const std::string name = fmt::format("/proc/self/fd/{}", memory.descriptor());
+  {
+    std::ofstream stream(name, std::ios::binary);
+    unpack_nano(path, stream);
+    if (!stream.flush()) throw std::bad_alloc();
+  }
+  auto file = std::make_unique<openvdb::io::File>(name);
+  file->open(/*delayLoad=*/false);
+  return file;
+}
+
 }  // namespace
 
 ParsingLimits::ParsingLimits(uint64_t file_bytes) {
@@ -154,6 +168,7 @@ std::unique_ptr<openvdb::io::File> open(Reading& reading, const fs::path& path) 
   const uint64_t size = fs::file_size(path, error);
   reading.limits.emplace(size);
   reading.header.cramped = reading.limits->cramped();
+  if (is_nano(path)) return open_nano(path);
   char magic[4] = {};
   std::ifstream(path, std::ios::binary).read(magic, 4);
   if (std::string_view(magic, 4) != std::string_view(" BDV", 4))

@@ -48,6 +48,11 @@ void initialize();
 /// Opens a file whose table of contents has been checked against its length.
 std::unique_ptr<openvdb::io::File> open(Reading& reading, const std::filesystem::path& path);
 
+/// Whether a file is NanoVDB's.
+bool is_nano(const std::filesystem::path& path);
+/// Writes the grids of such a file as those of a .vdb. @throws InputError, and what NanoVDB throws over damaged contents
+void unpack_nano(const std::filesystem::path& path, std::ostream& vdb);
+
 std::map<std::string, std::string> texts(const openvdb::MetaMap& meta);
 dmat4 affine_matrix(const openvdb::math::Transform& transform);
 
