@@ -86,6 +86,9 @@ class FluidCache:
 
     def lattice(self, grid):
         """@throws NoLattice"""
+        if grid in self.derived:  # voxel by voxel, as Blender has it
+            base, function = self.derived[grid]
+            return self.lattice(base).mapped(function)
         path, name, _, cells = self._files[grid]
         stored = lattices.read(path, name, 0.5)
         matrix = np.diag([*(self._size / cells), 1.0])
