@@ -327,8 +327,8 @@ class Kinds(unittest.TestCase):
         b.camera((0, -6.5, 1), (0, 0, 0.3), 40)
         b.world([0.3, 0.4, 0.6])
         kind(b)
-        b.plain(48)
-        b.scene.brume.samples, b.scene.brume.use_clean, b.scene.brume.indirect_limit = 160, False, 0
+        b.plain(24)
+        b.scene.brume.samples, b.scene.brume.use_clean, b.scene.brume.indirect_limit = 96, False, 0
         return b
 
     def _notes(self, b):
