@@ -81,6 +81,19 @@ def pcg_hashed(cells, size):
     return (np.stack(v[:size], -1) & PCG_MASK) / np.float64(PCG_MASK)
 
 
+def _around(cell, low, high, function):
+    """Reads a function of whole cells around points: a function of an offset from `cell`. It is computed once for each cell where
+    these are fewer than the points. @param low, high  the offsets that will be asked for   @param function  of (N, dimensions)"""
+    first, last = cell.min(0) + low, cell.max(0) + high
+    size = last - first + 1
+    if not np.prod(size) <= len(cell):
+        return lambda offset: function(cell + offset)
+    table = function(np.stack(np.meshgrid(*map(np.arange, first, last + 1), indexing="ij"), -1).reshape(-1, cell.shape[1]))
+    steps = np.append(np.cumprod(size[:0:-1])[::-1], 1)
+    index = ((cell - first) @ steps).astype(np.int64)
+    return lambda offset: table[index + int(offset @ steps)]
+
+
 # Lattice noise
 
 
@@ -105,13 +118,13 @@ def _gradient(h, x):
 def _signed_noise(p):
     """In about [-1, 1]. @param p  (N, dimensions)"""
     cell = np.floor(p)
-    lattice = [column.astype(np.int64).astype(np.uint32) for column in cell.T]
+    hashes = _around(cell, 0, 1, lambda lattice: hash_of(*lattice.T.astype(np.int64).astype(np.uint32)))
     x = list((p - cell).T)
     fade = [t * t * t * (t * (t * 6 - 15) + 10) for t in x]
     values = []
     for corner in itertools.product((0, 1), repeat=len(x)):
-        corner = corner[::-1]  # the first coordinate runs fastest
-        values.append(_gradient(hash_of(*(i + np.uint32(c) for i, c in zip(lattice, corner))), [t - c for t, c in zip(x, corner)]))
+        corner = np.array(corner[::-1])  # the first coordinate runs fastest
+        values.append(_gradient(hashes(corner), [t - c for t, c in zip(x, corner)]))
     for t in fade:
         values = [(1 - t) * a + t * b for a, b in zip(values[::2], values[1::2])]
     return SNOISE_SCALE[len(x)] * values[0]
@@ -211,9 +224,10 @@ def _distance(metric, v, exponent):
 def _neighbours(cell, reach, randomness, hashes):
     """Each cell around: its own hash's key, and its point from this cell's corner."""
     dimensions = cell.shape[1]
+    places = _around(cell, -reach, reach, lambda cells: hashes(cells, dimensions))
     for offset in itertools.product(range(-reach, reach + 1), repeat=dimensions):
         offset = np.array(offset[::-1], float)
-        yield cell + offset, offset + hashes(cell + offset, dimensions) * _columns(randomness)[0]
+        yield cell + offset, offset + places(offset) * _columns(randomness)[0]
 
 
 def voronoi(feature, metric, p, smoothness, exponent, randomness, hashes=hashed):
@@ -231,15 +245,16 @@ def _voronoi(feature, metric, hashes, p, smoothness, exponent, randomness):
         return _distance_to_edge(cell, local, randomness, hashes), np.zeros((len(p), 3)), np.zeros_like(p)
     if feature == "N_SPHERE_RADIUS":
         return _sphere_radius(cell, local, randomness, hashes), np.zeros((len(p), 3)), np.zeros_like(p)
-    best = [(np.full(len(p), 8.0), np.zeros_like(p), np.zeros_like(p)) for _ in range(2)]  # distance, key, point
+    count = 1 if feature == "F1" else 2
+    best = [(np.full(len(p), 8.0), np.zeros_like(p), np.zeros_like(p)) for _ in range(count)]  # distance, key, point
     for key, point in _neighbours(cell, 1, randomness, hashes):
         candidate = (_distance(metric, point - local, exponent), key, point)
-        for place in range(2):
+        for place in range(count):
             nearer = candidate[0] < best[place][0]
             swap = [np.where(nearer if a.ndim == 1 else nearer[:, None], a, b) for a, b in zip(candidate, best[place])]
             candidate = [np.where(nearer if a.ndim == 1 else nearer[:, None], b, a) for a, b in zip(candidate, best[place])]
             best[place] = swap
-    distance, key, point = best[0 if feature == "F1" else 1]
+    distance, key, point = best[-1]
     return distance, hashes(key, 3), point + cell
 
 
