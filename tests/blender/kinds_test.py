@@ -96,6 +96,13 @@ def density_everywhere(b):
     fire_volume(b, principled(s, s.node("Math", "MULTIPLY_ADD", _0=s.attribute("density"), _1=8.0, _2=0.4)))
 
 
+def grid_and_number(b):
+    s = Shader("S")
+    scatter = s.node("VolumeScatter", Color=(0.9, 0.8, 0.7), Density=times(s, s.attribute("density"), 10.0))
+    absorption, glow = s.node("VolumeAbsorption", Density=0.5), s.node("Emission", Color=(0.1, 0.2, 0.3), Strength=0.2)
+    fire_volume(b, s.volume(s.node("AddShader", _0=scatter, _1=s.node("AddShader", _0=absorption, _1=glow))))
+
+
 def wisps(b):
     s = Shader("S")
     vector = s.node("Mapping", Vector=coordinates(s), Scale=(1, 1, 3), Rotation=(0.2, 0.4, 0.1))
@@ -277,10 +284,10 @@ def colour_attribute(b):
 
 
 KINDS = (
-    cloud_times_noise, height_gradient, world_height, two_grids, steep_ramp, mask, density_everywhere, wisps, holes,
-    colours_by_height, glow_of_textures, temperature_of_noise, curves_and_groups, by_another_object, instances, fog_in_a_head,
-    fog_by_height, fog_with_cells, fog_in_a_ring, mesh_to_volume, points_to_volume, displaced, world_volume, animated_world,
-    world_of_noise, floor_of_noise, colour_attribute,
+    cloud_times_noise, height_gradient, world_height, two_grids, steep_ramp, mask, density_everywhere, grid_and_number, wisps,
+    holes, colours_by_height, glow_of_textures, temperature_of_noise, curves_and_groups, by_another_object, instances,
+    fog_in_a_head, fog_by_height, fog_with_cells, fog_in_a_ring, mesh_to_volume, points_to_volume, displaced, world_volume,
+    animated_world, world_of_noise, floor_of_noise, colour_attribute,
 )  # fmt: skip
 
 

@@ -52,8 +52,8 @@ def _needs_bake(shader, closure, source):
     if source.virtual:
         return True
     used = shader.used(closure)
-    if not used:
-        return False  # a number, or nothing that Cycles would render
+    if not used:  # as wide as the other closures' grids; alone it is nothing that Cycles renders
+        return any(map(shader.used, shader.closures)) and (shader.bends_space(closure) or shader.evaluate(closure, {}).any())
     if len(used) > 1 or shader.bends_space(closure) or used[0] in source.colours or shader.derived(closure):
         return True
     if shader.evaluate(closure, {used[0]: np.zeros(1)}).any():
@@ -71,7 +71,8 @@ class _Field:
 
     def __init__(self, shader, closures, source):
         self._shader, self.closures = shader, closures
-        names = sorted({name for closure in closures for name in (*shader.used(closure), *shader.derived(closure))})
+        # All of the shader's: where any of them is, Cycles evaluates it.
+        names = sorted({name for closure in shader.closures for name in (*shader.used(closure), *shader.derived(closure))})
         self._lattices = {name: source.lattice(name) for name in names}
         ordered = sorted(self._lattices.values(), key=lambda l: abs(np.linalg.det(l.matrix[:3, :3])))
         self.master = ordered[0]
