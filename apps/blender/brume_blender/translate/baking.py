@@ -214,12 +214,9 @@ class _Bake:
         if self._field.within(TOLD):
             return k
         voxel = np.linalg.norm(self._field.master.matrix[:3, 0]) / k
-        self._notes.say(
-            self._shader.name,
-            f"what its nodes compute is baked in voxels of {voxel:.3g}, "
-            + (f"as fine as {self._most / 1e6:.4g} million of them are (Performance > Baked Voxels)" if k < FINER[-1] else "the finest")
-            + f"; {100 * self._field.lost:.2g} % of it lies between them",
-        )
+        why = f"as fine as {self._most / 1e6:.4g} million of them are (Performance > Baked Voxels)" if k < FINER[-1] else "the finest"
+        between = f"{100 * self._field.lost:.2g} % of it lies between them"
+        self._notes.say(self._shader.name, f"what its nodes compute is baked in voxels of {voxel:.3g}, {why}; {between}")
         return k
 
     def _split(self, i):
@@ -264,7 +261,9 @@ class _Bake:
         if not os.path.exists(path):
             matrix = self._field.master.matrix.copy()
             matrix[:3, :3] /= k
-            lattices.write(path, dict(zip(names, self._computed(k))), self._source.stored_matrix(matrix, k), (self._field.blocks * k).astype(int), copied)
+            grids = dict(zip(names, self._computed(k)))
+            blocks = (self._field.blocks * k).astype(int)
+            lattices.write(path, grids, self._source.stored_matrix(matrix, k), blocks, copied)
         self._source.add_baked(self._folder.named(path), names, k, self._field.master)
         return [lattices.peak(path, name) for name in names]
 

@@ -56,7 +56,8 @@ class Lattice:
         return corners[0]
 
     def in_blocks(self, lowest, size, k):
-        """At k points for each voxel of blocks, at (j + offset) / k: (B * (size * k)^3,), or of colours (.., 3). k may be 1/2 or 1/4.
+        """At k points for each voxel of blocks, at (j + offset) / k: (B * (size * k)^3,), or of colours (.., 3).
+        @param k  1/2 or 1/4, too
         @param lowest  voxels of the blocks, (B, 3)"""
         rows = np.arange(int(size * k))
         at = (rows + self.offset) / k - self.offset + 1  # in a block with a voxel more on each side
@@ -64,9 +65,8 @@ class Lattice:
         share = np.zeros((len(rows), size + 2), np.float32)
         share[rows, low] = 1 - (at - low)
         share[rows, np.minimum(low + 1, size + 1)] += at - low
-        x, y, z = (
-            np.clip(lowest[:, axis, None] + np.arange(-1, size + 1) - self.lo[axis] + 1, 0, self._padded.shape[axis] - 1) for axis in range(3)
-        )
+        places = lowest[:, None, :] + np.arange(-1, size + 1)[:, None] - (self.lo - 1)
+        x, y, z = np.moveaxis(np.clip(places, 0, np.array(self._padded.shape[:3]) - 1), -1, 0)
         cubes = self._padded[x[:, :, None, None], y[:, None, :, None], z[:, None, None, :]]
         for axis in (1, 2, 3):
             cubes = np.moveaxis(np.tensordot(cubes, share, (axis, 1)), -1, axis)
