@@ -10,6 +10,7 @@ import numpy as np
 
 sys.path.insert(0, os.path.dirname(os.path.abspath(__file__)))
 import addon_scene as scenes  # noqa: E402
+from brume_blender.translate import procedural  # noqa: E402
 from brume_blender.translate.node_values import Values  # noqa: E402
 from brume_blender.translate.nodes import Plug  # noqa: E402
 from builder import Builder, Shader  # noqa: E402
@@ -91,6 +92,15 @@ class Nodes(unittest.TestCase):
                 wrong.append(f"{name}: {100 * off.mean():.1f} % differ, by up to {np.abs(ours - theirs).max():.4g}")
         self.assertEqual(wrong, [], "\n" + "\n".join(wrong))
         print(f"{len(rows)} tables of {len(points)} points")
+
+    def test_the_hash_of_blender_5_is_spread_evenly(self):
+        for d in (2, 3, 4):
+            cells = np.stack(np.meshgrid(*[np.arange(-4, 4)] * d, indexing="ij"), -1).reshape(-1, d).astype(float)
+            for size in {d, 3} - ({3} if d == 2 else set()):
+                values = procedural.pcg_hashed(cells, size)
+                self.assertEqual(values.shape, (len(cells), size))
+                self.assertTrue(values.min() >= 0 and values.max() <= 1)
+                self.assertLess(np.abs(values.mean(0) - 0.5).max(), 4 / np.sqrt(12 * len(cells)))
 
     def _rendered(self, b, path):
         b.render(path, 1)

@@ -132,6 +132,20 @@ class Volumes(unittest.TestCase):
                     tested.add(ours)
         self.assertGreaterEqual(len(tested), 8)
 
+    def test_stretched_time_shows_blenders_file(self):
+        for number in range(1, 9):
+            shutil.copy(scenes.SMOKE, os.path.join(self._folder.name, f"a_{number:03}.vdb"))
+        scenes.smoke_scene(floor=False, path=os.path.join(self._folder.name, "a_001.vdb"))
+        volume, scene = bpy.data.objects["Smoke"].data, bpy.context.scene
+        volume.is_sequence, volume.frame_duration, volume.frame_start, volume.sequence_mode = True, 8, 1, "EXTEND"
+        for old, new in ((100, 100), (100, 50), (100, 200), (70, 100)):
+            scene.render.frame_map_old, scene.render.frame_map_new = old, new
+            for frame in range(1, 10):
+                scene.frame_set(frame)
+                shown = volume.evaluated_get(bpy.context.evaluated_depsgraph_get())
+                shown.grids.load()
+                self.assertIn(f'file = "{shown.grids.frame_filepath}"', self._translated().text, (old, new, frame))
+
     def test_a_file_that_cannot_be_read_is_for_the_program_to_say(self):
         with open(scenes.SMOKE, "rb") as file:
             data = file.read()

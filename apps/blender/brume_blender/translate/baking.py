@@ -17,7 +17,7 @@ from .nodes import signature
 from .volume_parts import Glow, Part
 
 BLOCK = 8  # voxels: of OpenVDB's leaves, in whose whole blocks Cycles evaluates a shader
-FINER = (1, 2, 3, 4, 6, 8)
+FINER = (0.25, 0.5, 1, 2, 3, 4, 6, 8)  # below 1 where there are too many voxels
 # What the field may be off between the lattice's points, relative: its mean, its mean absolute difference; and from where on
 # it is said.
 ENOUGH, TOLD = (0.004, 0.05), (0.01, 0.1)
@@ -52,9 +52,9 @@ def _needs_bake(shader, closure, source):
     if source.virtual:
         return True
     used = shader.used(closure)
-    if not used:
-        return False  # a number, or nothing that Cycles would render
-    if len(used) > 1 or shader.bends_space(closure) or used[0] in source.colours or used[0] in source.derived:
+    if not used:  # as wide as the other closures' grids; alone it is nothing that Cycles renders
+        return any(map(shader.used, shader.closures)) and (shader.bends_space(closure) or shader.evaluate(closure, {}).any())
+    if len(used) > 1 or shader.bends_space(closure) or used[0] in source.colours or shader.derived(closure):
         return True
     if shader.evaluate(closure, {used[0]: np.zeros(1)}).any():
         return True
@@ -71,7 +71,8 @@ class _Field:
 
     def __init__(self, shader, closures, source):
         self._shader, self.closures = shader, closures
-        names = sorted({name for closure in closures for name in shader.used(closure)})
+        # All of the shader's: where any of them is, Cycles evaluates it.
+        names = sorted({name for closure in shader.closures for name in (*shader.used(closure), *shader.derived(closure))})
         self._lattices = {name: source.lattice(name) for name in names}
         ordered = sorted(self._lattices.values(), key=lambda l: abs(np.linalg.det(l.matrix[:3, :3])))
         self.master = ordered[0]
@@ -97,8 +98,9 @@ class _Field:
         return b"".join(np.float32(values).tobytes() for values in self.probed) if len(self.blocks) else b""
 
     def _filled(self):
-        """The blocks in which a voxel, or one that borders on them, is above 0."""
-        inner = _cube(range(-1, BLOCK + 1))
+        """The blocks in which a voxel, or one that borders on them, is above 0; of many, every other or fourth voxel is judged."""
+        stride = 1 if len(self.blocks) < 1 << 13 else 2 if len(self.blocks) < 1 << 16 else 4
+        inner = _cube(range(-1, BLOCK + stride, stride))
         step, kept = max(BATCH // len(inner), 1), []
         for first in range(0, len(self.blocks), step):
             lowest = self.blocks[first : first + step]
@@ -113,7 +115,7 @@ class _Field:
 
     def in_blocks(self, lowest, k):
         """As at(), at k points for each voxel of blocks. @param lowest  (B, 3)"""
-        index = ((lowest * k)[:, None, :] + _cube(range(BLOCK * k))).reshape(-1, 3)
+        index = ((lowest * k)[:, None, :] + _cube(range(int(BLOCK * k)))).reshape(-1, 3)
         index = (index + self.master.offset) / k
         points, values = self.master.points_of(index), {}
         for name, lattice in self._lattices.items():
@@ -204,19 +206,17 @@ class _Bake:
         return made
 
     def _resolution(self):
-        finest = max(int((self._most / (len(self._field.blocks) * BLOCK**3)) ** (1 / 3)), 1)
-        for k in [k for k in FINER if k <= finest]:
+        finest = (self._most / (len(self._field.blocks) * BLOCK**3)) ** (1 / 3)
+        choices = [k for k in FINER if 1 <= k <= finest] or [max([k for k in FINER if k <= finest], default=FINER[0])]
+        for k in choices:
             if self._field.keeps(k):
                 return k
         if self._field.within(TOLD):
             return k
         voxel = np.linalg.norm(self._field.master.matrix[:3, 0]) / k
-        self._notes.say(
-            self._shader.name,
-            f"what its nodes compute is baked in voxels of {voxel:.3g}, "
-            + (f"as fine as {self._most / 1e6:.4g} million of them are (Performance > Baked Voxels)" if k < FINER[-1] else "the finest")
-            + f"; {100 * self._field.lost:.2g} % of it lies between them",
-        )
+        why = f"as fine as {self._most / 1e6:.4g} million of them are (Performance > Baked Voxels)" if k < FINER[-1] else "the finest"
+        between = f"{100 * self._field.lost:.2g} % of it lies between them"
+        self._notes.say(self._shader.name, f"what its nodes compute is baked in voxels of {voxel:.3g}, {why}; {between}")
         return k
 
     def _split(self, i):
@@ -261,13 +261,15 @@ class _Bake:
         if not os.path.exists(path):
             matrix = self._field.master.matrix.copy()
             matrix[:3, :3] /= k
-            lattices.write(path, dict(zip(names, self._computed(k))), self._source.stored_matrix(matrix, k), self._field.blocks * k, copied)
+            grids = dict(zip(names, self._computed(k)))
+            blocks = (self._field.blocks * k).astype(int)
+            lattices.write(path, grids, self._source.stored_matrix(matrix, k), blocks, copied)
         self._source.add_baked(self._folder.named(path), names, k, self._field.master)
         return [lattices.peak(path, name) for name in names]
 
     def _computed(self, k):
         """Cubes of (blocks, n, n, n) for each scalar field."""
-        n, blocks = BLOCK * k, self._field.blocks
+        n, blocks = int(BLOCK * k), self._field.blocks
         cubes = np.zeros((len(self._scalars), len(blocks), n**3), np.float32)
         step = max(BATCH // n**3, 1)
         for first in range(0, len(blocks), step):

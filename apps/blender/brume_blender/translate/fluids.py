@@ -48,7 +48,7 @@ class FluidCache:
             self._add(os.path.join(folder, "noise", f"fluid_noise_{self._frame:04d}.vdb"), NOISE, settings.noise_scale)
         self.grids = list(self._files)
         self.constants = self._colour(settings)  # which the files hold multiplied by the density
-        self.derived_from = (settings.flame_ignition, settings.flame_max_temp)
+        self._heat = (settings.flame_ignition, settings.flame_max_temp)
         self.derived = {"temperature": ("flame", _temperature(settings.flame_ignition, settings.flame_max_temp))}
         self._velocity_scale = None
         if shutter is not None:
@@ -86,6 +86,9 @@ class FluidCache:
 
     def lattice(self, grid):
         """@throws NoLattice"""
+        if grid in self.derived:  # voxel by voxel, as Blender has it
+            base, function = self.derived[grid]
+            return self.lattice(base).mapped(function)
         path, name, _, cells = self._files[grid]
         stored = lattices.read(path, name, 0.5)
         matrix = np.diag([*(self._size / cells), 1.0])
@@ -93,7 +96,8 @@ class FluidCache:
         return stored.placed(matrix)
 
     def state(self):
-        return [(path, os.stat(path).st_mtime_ns) for path, *_ in self._files.values()], self.derived_from, self._lo.tolist(), self._size.tolist()
+        files = [(path, os.stat(path).st_mtime_ns) for path, *_ in self._files.values()]
+        return files, self._heat, self._lo.tolist(), self._size.tolist()
 
     def to_copy(self, colours):
         path = next(iter(self._velocity), None)

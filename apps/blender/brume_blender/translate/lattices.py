@@ -13,7 +13,7 @@ except ImportError:
     except ImportError:
         openvdb = None
 
-LARGEST = 1 << 28  # values of a dense array
+LARGEST = 1 << 27  # values of a dense array
 
 
 class NoLattice(Exception):
@@ -26,8 +26,9 @@ class Lattice:
     @param values  (nx, ny, nz), or (nx, ny, nz, 3) of colours   @param matrix  4 x 4, for columns"""
 
     def __init__(self, values, lo, matrix, offset):
-        self.values, self.lo, self.matrix, self.offset = values, np.asarray(lo), np.asarray(matrix, float), offset
         self._padded = np.pad(values, [(1, 1)] * 3 + [(0, 0)] * (values.ndim - 3))
+        self.values = self._padded[1:-1, 1:-1, 1:-1]
+        self.lo, self.matrix, self.offset = np.asarray(lo), np.asarray(matrix, float), offset
 
     def index_of(self, points):
         """Of points in the object's space, (N, 3)."""
@@ -56,15 +57,16 @@ class Lattice:
 
     def in_blocks(self, lowest, size, k):
         """At k points for each voxel of blocks, at (j + offset) / k: (B * (size * k)^3,), or of colours (.., 3).
+        @param k  1/2 or 1/4, too
         @param lowest  voxels of the blocks, (B, 3)"""
-        at = (np.arange(size * k) + self.offset) / k - self.offset + 1  # in a block with a voxel more on each side
+        rows = np.arange(int(size * k))
+        at = (rows + self.offset) / k - self.offset + 1  # in a block with a voxel more on each side
         low = np.floor(at).astype(int)
-        share = np.zeros((size * k, size + 2), np.float32)
-        share[np.arange(size * k), low] = 1 - (at - low)
-        share[np.arange(size * k), np.minimum(low + 1, size + 1)] += at - low
-        x, y, z = (
-            np.clip(lowest[:, axis, None] + np.arange(-1, size + 1) - self.lo[axis] + 1, 0, self._padded.shape[axis] - 1) for axis in range(3)
-        )
+        share = np.zeros((len(rows), size + 2), np.float32)
+        share[rows, low] = 1 - (at - low)
+        share[rows, np.minimum(low + 1, size + 1)] += at - low
+        places = lowest[:, None, :] + np.arange(-1, size + 1)[:, None] - (self.lo - 1)
+        x, y, z = np.moveaxis(np.clip(places, 0, np.array(self._padded.shape[:3]) - 1), -1, 0)
         cubes = self._padded[x[:, :, None, None], y[:, None, :, None], z[:, None, None, :]]
         for axis in (1, 2, 3):
             cubes = np.moveaxis(np.tensordot(cubes, share, (axis, 1)), -1, axis)

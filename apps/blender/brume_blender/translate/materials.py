@@ -160,7 +160,8 @@ class _Shader:
         try:
             value = np.asarray(Values().colour(colour))
         except UnknownNode as unknown:
-            value = np.atleast_2d(Values(self._mean_of_image, lambda p, _: 0.5 if p.socket.type == "VALUE" else np.full(3, 0.5)).colour(colour)).mean(0)
+            values = Values(self._mean_of_image, lambda p, _: 0.5 if p.socket.type == "VALUE" else np.full(3, 0.5))
+            value = np.atleast_2d(values.colour(colour)).mean(0)
             self._say(f"emits light coloured by {unknown}; the mean of its image, or 0.5 for other textures, is taken")
         self._radiance = self._radiance + strength * np.maximum(value, 0)
 

@@ -57,6 +57,43 @@ def hashed(p, size):
     return np.stack([_unit(*(x[i] for i in order)) for order in orders[:size]], -1)
 
 
+# PCG's two rounds, by dimensions: a number gets the product of two others, in the plane that of the other and the factor.
+PCG_ROUND = {2: ((0, 1), (1, 0)), 3: ((0, 1, 2), (1, 2, 0), (2, 0, 1)), 4: ((0, 1, 3), (1, 2, 0), (2, 0, 1), (3, 1, 2))}
+PCG_FACTOR, PCG_MASK = np.int32(1664525), np.int32(0x7FFFFFFF)
+
+
+def pcg_hashed(cells, size):
+    """As hashed(), of whole numbers, as Voronoi textures have it since Blender 5.0. @param cells  (N, dimensions)
+    Source: Jarzynski, Olano 2020, Hash Functions for GPU Rendering, on signed integers."""
+    dimensions = cells.shape[1]
+    if dimensions == 1:
+        return hashed(cells, size)
+    columns = list(cells.T.astype(np.int32)) + [np.zeros(len(cells), np.int32)] * (size - dimensions)
+    v = [c * PCG_FACTOR + np.int32(1013904223) for c in columns]
+
+    def turn():
+        for to, *by in PCG_ROUND[len(v)]:
+            v[to] = v[to] + (v[by[0]] * PCG_FACTOR if len(by) == 1 else v[by[0]] * v[by[1]])
+
+    turn()
+    v = [c ^ (c >> np.int32(16)) for c in v]
+    turn()
+    return (np.stack(v[:size], -1) & PCG_MASK) / np.float64(PCG_MASK)
+
+
+def _around(cell, low, high, function):
+    """Reads a function of whole cells around points: a function of an offset from `cell`. It is computed once for each cell where
+    these are fewer than the points. @param low, high  the offsets that will be asked for   @param function  of (N, dimensions)"""
+    first, last = cell.min(0) + low, cell.max(0) + high
+    size = last - first + 1
+    if not np.prod(size) <= len(cell):
+        return lambda offset: function(cell + offset)
+    table = function(np.stack(np.meshgrid(*map(np.arange, first, last + 1), indexing="ij"), -1).reshape(-1, cell.shape[1]))
+    steps = np.append(np.cumprod(size[:0:-1])[::-1], 1)
+    index = ((cell - first) @ steps).astype(np.int64)
+    return lambda offset: table[index + int(offset @ steps)]
+
+
 # Lattice noise
 
 
@@ -81,13 +118,13 @@ def _gradient(h, x):
 def _signed_noise(p):
     """In about [-1, 1]. @param p  (N, dimensions)"""
     cell = np.floor(p)
-    lattice = [column.astype(np.int64).astype(np.uint32) for column in cell.T]
+    hashes = _around(cell, 0, 1, lambda lattice: hash_of(*lattice.T.astype(np.int64).astype(np.uint32)))
     x = list((p - cell).T)
     fade = [t * t * t * (t * (t * 6 - 15) + 10) for t in x]
     values = []
     for corner in itertools.product((0, 1), repeat=len(x)):
-        corner = corner[::-1]  # the first coordinate runs fastest
-        values.append(_gradient(hash_of(*(i + np.uint32(c) for i, c in zip(lattice, corner))), [t - c for t, c in zip(x, corner)]))
+        corner = np.array(corner[::-1])  # the first coordinate runs fastest
+        values.append(_gradient(hashes(corner), [t - c for t, c in zip(x, corner)]))
     for t in fade:
         values = [(1 - t) * a + t * b for a, b in zip(values[::2], values[1::2])]
     return SNOISE_SCALE[len(x)] * values[0]
@@ -136,7 +173,7 @@ def noise(p, detail, roughness, distortion, colour, lacunarity=2.0, normalised=T
     if np.any(distortion):
         p = p + np.stack([signed_noise(p + _offset(i, d)) * distortion for i in range(d)], -1)
     offsets = [0.0] if not colour else [0.0, _offset(d, d), _offset(d + 1, d)]
-    values = [fractal(p + offset, detail, np.clip(roughness, 0, 1) if normalised else roughness, lacunarity, normalised) for offset in offsets]
+    values = [fractal(p + offset, detail, roughness, lacunarity, normalised) for offset in offsets]
     return np.stack(values, -1) if colour else values[0]
 
 
@@ -184,61 +221,63 @@ def _distance(metric, v, exponent):
     return np.sqrt((v * v).sum(-1))
 
 
-def _neighbours(cell, dimensions, reach, randomness):
+def _neighbours(cell, reach, randomness, hashes):
     """Each cell around: its own hash's key, and its point from this cell's corner."""
+    dimensions = cell.shape[1]
+    places = _around(cell, -reach, reach, lambda cells: hashes(cells, dimensions))
     for offset in itertools.product(range(-reach, reach + 1), repeat=dimensions):
         offset = np.array(offset[::-1], float)
-        yield cell + offset, offset + hashed(cell + offset, dimensions) * _columns(randomness)[0]
+        yield cell + offset, offset + places(offset) * _columns(randomness)[0]
 
 
-def voronoi(feature, metric, p, smoothness, exponent, randomness):
-    """Of the Voronoi Texture. @return distance (N,), colour (N, 3), position (N, dimensions)"""
-    return _by_chunks(lambda *a: _voronoi(feature, metric, *a), p, smoothness, exponent, randomness)
+def voronoi(feature, metric, p, smoothness, exponent, randomness, hashes=hashed):
+    """Of the Voronoi Texture. @param hashes  hashed, or pcg_hashed   @return distance (N,), colour (N, 3), position (N, dimensions)"""
+    return _by_chunks(lambda *a: _voronoi(feature, metric, hashes, *a), p, smoothness, exponent, randomness)
 
 
-def _voronoi(feature, metric, p, smoothness, exponent, randomness):
-    d = p.shape[1]
+def _voronoi(feature, metric, hashes, p, smoothness, exponent, randomness):
     randomness = np.clip(randomness, 0, 1)
     cell = np.floor(p)
     local = p - cell
     if feature == "SMOOTH_F1":
-        return _smooth_voronoi(metric, cell, local, np.clip(np.asarray(smoothness) / 2, 0, 0.5), exponent, randomness)
+        return _smooth_voronoi(metric, hashes, cell, local, np.clip(np.asarray(smoothness) / 2, 0, 0.5), exponent, randomness)
     if feature == "DISTANCE_TO_EDGE":
-        return _distance_to_edge(cell, local, randomness), np.zeros((len(p), 3)), np.zeros_like(p)
+        return _distance_to_edge(cell, local, randomness, hashes), np.zeros((len(p), 3)), np.zeros_like(p)
     if feature == "N_SPHERE_RADIUS":
-        return _sphere_radius(cell, local, randomness), np.zeros((len(p), 3)), np.zeros_like(p)
-    best = [(np.full(len(p), 8.0), np.zeros_like(p), np.zeros_like(p)) for _ in range(2)]  # distance, key, point
-    for key, point in _neighbours(cell, d, 1, randomness):
+        return _sphere_radius(cell, local, randomness, hashes), np.zeros((len(p), 3)), np.zeros_like(p)
+    count = 1 if feature == "F1" else 2
+    best = [(np.full(len(p), 8.0), np.zeros_like(p), np.zeros_like(p)) for _ in range(count)]  # distance, key, point
+    for key, point in _neighbours(cell, 1, randomness, hashes):
         candidate = (_distance(metric, point - local, exponent), key, point)
-        for place in range(2):
+        for place in range(count):
             nearer = candidate[0] < best[place][0]
             swap = [np.where(nearer if a.ndim == 1 else nearer[:, None], a, b) for a, b in zip(candidate, best[place])]
             candidate = [np.where(nearer if a.ndim == 1 else nearer[:, None], b, a) for a, b in zip(candidate, best[place])]
             best[place] = swap
-    distance, key, point = best[0 if feature == "F1" else 1]
-    return distance, hashed(key, 3), point + cell
+    distance, key, point = best[-1]
+    return distance, hashes(key, 3), point + cell
 
 
-def _smooth_voronoi(metric, cell, local, smoothness, exponent, randomness):
+def _smooth_voronoi(metric, hashes, cell, local, smoothness, exponent, randomness):
     smoothness = np.broadcast_to(smoothness, len(cell))
     if np.all(smoothness == 0):
         smoothness = smoothness + 1e-12
     distance, colour, position = np.full(len(cell), 8.0), np.zeros((len(cell), 3)), np.zeros_like(cell)
-    for key, point in _neighbours(cell, cell.shape[1], 2, randomness):
+    for key, point in _neighbours(cell, 2, randomness, hashes):
         at = _distance(metric, point - local, exponent)
         h = np.clip(0.5 + 0.5 * (distance - at) / smoothness, 0, 1)
         h = h * h * (3 - 2 * h)
         correction = smoothness * h * (1 - h)
         distance = (1 - h) * distance + h * at - correction
         correction, h = _columns(correction / (1 + 3 * smoothness), h)
-        colour = (1 - h) * colour + h * hashed(key, 3) - correction
+        colour = (1 - h) * colour + h * hashes(key, 3) - correction
         position = (1 - h) * position + h * point - correction
     return distance, colour, cell + position
 
 
-def _distance_to_edge(cell, local, randomness):
+def _distance_to_edge(cell, local, randomness, hashes):
     closest, least = np.zeros_like(cell), np.full(len(cell), 8.0 if cell.shape[1] > 1 else np.inf)
-    for _, point in _neighbours(cell, cell.shape[1], 1, randomness):
+    for _, point in _neighbours(cell, 1, randomness, hashes):
         to = point - local
         squared = (to * to).sum(-1)
         nearer = squared < least
@@ -248,7 +287,7 @@ def _distance_to_edge(cell, local, randomness):
         middle, x = cell + hashed(cell, 1) * _columns(randomness)[0], cell + local
         return np.minimum(np.abs((middle + left) / 2 - x), np.abs((middle + right) / 2 - x))[:, 0]
     edge = np.full(len(cell), 8.0)
-    for _, point in _neighbours(cell, cell.shape[1], 1, randomness):
+    for _, point in _neighbours(cell, 1, randomness, hashes):
         to = point - local
         across = to - closest
         squared = (across * across).sum(-1)
@@ -257,15 +296,15 @@ def _distance_to_edge(cell, local, randomness):
     return edge
 
 
-def _sphere_radius(cell, local, randomness):
-    points = list(_neighbours(cell, cell.shape[1], 1, randomness))
+def _sphere_radius(cell, local, randomness, hashes):
+    points = list(_neighbours(cell, 1, randomness, hashes))
     distances = np.stack([_distance("EUCLIDEAN", point - local, 0) for _, point in points])
     nearest = np.argmin(distances, 0)
     keys, all_points = np.stack([k for k, _ in points]), np.stack([q for _, q in points])
     rows = np.arange(len(cell))
     key, point = keys[nearest, rows], all_points[nearest, rows]
     least = np.full(len(cell), 8.0)
-    for other, at in _neighbours(key, cell.shape[1], 1, randomness):
+    for other, at in _neighbours(key, 1, randomness, hashes):
         if np.array_equal(other, key):
             continue
         least = np.minimum(least, _distance("EUCLIDEAN", at - (point - (key - cell)), 0))

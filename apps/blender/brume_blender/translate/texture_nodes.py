@@ -1,8 +1,11 @@
 """Blender's procedural texture nodes, as node_values evaluates nodes."""
 
+import bpy
 import numpy as np
 
 from . import procedural
+
+PCG_SINCE = (5, 0, 0)  # of Blender, the hash of Voronoi textures
 
 
 class Unsupported(Exception):
@@ -57,10 +60,10 @@ def _needs(condition, what):
 def _noise(values, plug):
     node, i = plug.node, _Inputs(values, plug)
     _needs(getattr(node, "noise_type", "FBM") == "FBM", "Noise Texture other than fBM")
-    normalised = getattr(node, "normalize", True)
+    roughness = i.number("Roughness") if hasattr(node, "normalize") else np.clip(i.number("Roughness"), 0, 1)  # Blender 4.0
     return i.result(procedural.noise(
-        i.points(node.noise_dimensions), i.number("Detail"), i.number("Roughness"), i.number("Distortion"),
-        plug.socket.type == "RGBA", i.number("Lacunarity", 2.0), normalised,
+        i.points(node.noise_dimensions), i.number("Detail"), roughness, i.number("Distortion"),
+        plug.socket.type == "RGBA", i.number("Lacunarity", 2.0), getattr(node, "normalize", True),
     ))  # fmt: skip
 
 
@@ -77,8 +80,9 @@ def _voronoi(values, plug):
     _needs(not getattr(node, "normalize", False) and not np.any(i.number("Detail")), "Voronoi Texture with detail")
     dimensions = node.voronoi_dimensions
     distance, colour, position = procedural.voronoi(
-        node.feature, node.distance, i.points(dimensions), i.number("Smoothness"), i.number("Exponent"), i.number("Randomness")
-    )
+        node.feature, node.distance, i.points(dimensions), i.number("Smoothness"), i.number("Exponent"), i.number("Randomness"),
+        procedural.hashed if bpy.app.version < PCG_SINCE else procedural.pcg_hashed,
+    )  # fmt: skip
     scale = i.number("Scale", 1.0)
     position = position / np.where(scale != 0, scale, 1)[..., None]
     if plug.socket.name == "W":

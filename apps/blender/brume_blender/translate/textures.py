@@ -96,7 +96,8 @@ class Textures:
 
         probed = colours(*surface.spread(PROBES))
         if stand_ins:
-            self._notes.say(name, f"the material's '{plug.socket.name}' depends on {stand_ins[0]}, which brume lacks; {STAND_IN} is taken for it")
+            what = f"the material's '{plug.socket.name}' depends on {stand_ins[0]}, which brume lacks"
+            self._notes.say(name, f"{what}; {STAND_IN} is taken for it")
         if np.ptp(probed, axis=0).max() < 1e-6:
             return probed[0].astype(float), None
         key = (surface.key, plug.key(), probed.tobytes())

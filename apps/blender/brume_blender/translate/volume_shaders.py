@@ -42,7 +42,7 @@ class GridValues:
     def __init__(self, values, constants, derived, place, points=None):
         self._values, self._constants, self._derived = values, constants, derived
         self._place, self._points = place, np.zeros(3) if points is None else points
-        self.asked, self.missing, self.asked_points = set(), set(), False
+        self.asked, self.derived, self.missing, self.asked_points = set(), set(), set(), False
 
     def __call__(self, plug):
         name = grid_of(plug)
@@ -73,10 +73,11 @@ class GridValues:
         """0 for grids that are not there, as in Blender."""
         if name in self._constants:
             return self._constants[name]
-        if name in self._values:  # of attributes that are no grids, too, where they were computed before
+        if name in self._values:  # of attributes that are no grids, too, where they were computed voxel by voxel
             self.asked.add(name)
             return self._values[name]
         if name in self._derived:
+            self.derived.add(name)
             grid, function = self._derived[name]
             return function(self.value(grid))
         return 0.0
@@ -122,15 +123,20 @@ class VolumeShader:
 
     def used(self, closure):
         """The grids that a coefficient depends on."""
-        leaves = self._leaves(np.ones(1))
-        closure.coefficient(self._values(leaves), leaves)
-        return sorted(leaves.asked)
+        return sorted(self._asked(closure).asked)
+
+    def derived(self, closure):
+        """The attributes that are functions of a grid on which a coefficient depends."""
+        return sorted(self._asked(closure).derived)
 
     def bends_space(self, closure):
         """Whether a coefficient depends on where it is asked for, beside the grids."""
+        return self._asked(closure).asked_points
+
+    def _asked(self, closure):
         leaves = self._leaves(np.ones(1))
         closure.coefficient(self._values(leaves), leaves)
-        return leaves.asked_points
+        return leaves
 
     def evaluate(self, closure, values, points=None):
         """(N, 3), or (N,) of a black body. @param values  array of (N,) for every grid that it depends on

@@ -155,7 +155,7 @@ def file_of(thing, matrix, shutter, scene, frame, folder):
         velocity = (moving, volume.velocity_scale / frames)
     offset = 0.5 if bpy.app.version < HALF_VOXEL_BEFORE else 0.0
     corners = [corner for name in names for corner in boxes.get(name, [])]
-    return GridFile(path, names, colours, offset, velocity, corners, _factor(volume, matrix), volume.render.clipping)
+    return GridFile(path, names, colours, offset, velocity, corners, _factor(volume, matrix), getattr(volume.render, "clipping", 0.0))
 
 
 def volume_tables(thing, materials, file, place, bake, matrices, notes):
