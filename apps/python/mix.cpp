@@ -1,3 +1,6 @@
+#include <fmt/format.h>
+#include <fmt/ranges.h>
+
 #include "apps/python/bindings.h"
 #include "apps/python/convert.h"
 #include "workflows/mix_lights.h"

@@ -387,7 +387,7 @@ intensity = [1, 0.5, 0.25]
   r = run_brume("render " + path("mixed.toml") + " --spp 4 --progress none -o " + path("rendered.exr"));
   ASSERT_EQ(r.status, 0) << r.err;
   const Layers rendered = read_exr(folder_ / "rendered.exr");
-  EXPECT_EQ(rendered.at("light.sky.G")(0, 0), 0.0f);
+  EXPECT_FALSE(rendered.find("light.sky.G")) << "a black sky is no light";
   const std::string scene = test::read_file(folder_ / "mixed.toml");
   EXPECT_TRUE(holds(scene, "irradiance = [4")) << scene;
   EXPECT_TRUE(holds(scene, "intensity = [1.0, 0.25, 0.5]")) << scene;
