@@ -390,10 +390,10 @@ intensity = [1, 0.5, 0.25]
   EXPECT_FALSE(rendered.find("light.sky.G")) << "a black sky is no light";
   const std::string scene = test::read_file(folder_ / "mixed.toml");
   EXPECT_TRUE(holds(scene, "irradiance = [4")) << scene;
-  EXPECT_TRUE(holds(scene, "intensity = [1.0, 0.25, 0.5]")) << scene;
+  EXPECT_TRUE(holds(scene, "intensity = [1, 0.25, 0.5]")) << scene;
 
-  EXPECT_TRUE(holds(run_brume("mix " + path("groups.exr") + " --gain key=2 -o " + path("x.exr")).err,
-                    "no light group 'key'; the frame has: point, sky, sun"));
+  EXPECT_TRUE(
+      holds(run_brume("mix " + path("groups.exr") + " --gain key=2 -o " + path("x.exr")).err, "no light group 'key'"));
   EXPECT_TRUE(
       holds(run_brume("mix " + path("plain.exr") + " --gain sun=2 -o " + path("x.exr")).err, "no light groups"));
   EXPECT_TRUE(
