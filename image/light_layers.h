@@ -1,5 +1,4 @@
 #pragma once
-#include <algorithm>
 #include <string>
 #include <string_view>
 #include <vector>
@@ -28,14 +27,6 @@ inline std::string predicted_light_layer(std::string_view group, std::string_vie
 }
 inline bool is_predicted_light(std::string_view channel) {
   return channel.starts_with(kLightPrefix) && channel.find(".predicted_") != std::string_view::npos;
-}
-
-/// Whether a channel is of a group's direct or indirect light alone.
-inline bool is_light_part(std::string_view channel) {
-  if (!channel.starts_with(kLightPrefix)) return false;
-  channel.remove_prefix(kLightPrefix.size());
-  channel.remove_prefix(std::min(channel.find('.'), channel.size()));
-  return channel.starts_with(".direct.") || channel.starts_with(".indirect.");
 }
 
 /// Whether a guide's channel may say anything about a group's light: it is of none, or of this one, as

@@ -85,8 +85,6 @@ LayerRequest Cleaner::request(const LayerRequest& wanted, int samples) {
         "--clean-filter {}: needs the record of every sample; render with --records, then brume denoise", entry.name));
   LayerRequest request = wanted;
   keep_guides_ = wanted.guides;
-  keep_light_parts_ = wanted.light_parts;
-  request.light_parts = wanted.light_parts || entry.parts;
   const auto record = [&](const LayerName& l) {
     if (!l.name.empty() && !request.has(l)) request.names.emplace_back(l.name);
   };
@@ -149,7 +147,6 @@ Layers Cleaner::clean(Layers frame, bool parts) {
   std::vector<std::string> unwanted;
   for (const auto& [name, plane] : frame.channels()) {
     if (!keep_guides_ && (is_guide(name) || is_predicted_light(name))) unwanted.push_back(name);
-    if (!keep_light_parts_ && is_light_part(name)) unwanted.push_back(name);
     all.set(name, std::move(*frame.find(name)));
   }
   for (size_t c = 0; c < 3; ++c) {

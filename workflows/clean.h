@@ -54,7 +54,6 @@ class Cleaner {
   Outliers outliers_;
   Host host_;
   Layers picture_;
-  bool keep_light_parts_ = false;
   bool keep_guides_ = false;
 };
 

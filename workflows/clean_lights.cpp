@@ -42,11 +42,8 @@ Layers frame_of_group(const Layers& frame, const std::string& group) {
       if (const Plane* plane = frame.find(source.channel_of(which, c)))
         own.set(to.channel_of(which, c), view_of(*plane));
   };
-  for (const LayerName& l : {layer::beauty, layer::direct, layer::indirect}) {
-    const std::string name = light_layer(group) + (l.name.empty() ? "" : "." + std::string(l.name));
-    for (const std::string_view which : kStatistics) take(name, l, which);
-    for (const std::string_view which : statistic::buckets) take(name, l, which);
-  }
+  for (const std::string_view which : kStatistics) take(light_layer(group), layer::beauty, which);
+  for (const std::string_view which : statistic::buckets) take(light_layer(group), layer::beauty, which);
   take(predicted_light_layer(group, "direct"), guide_layer::predicted_direct, "");
   take(predicted_light_layer(group, "indirect"), guide_layer::predicted_indirect, "");
   return own;

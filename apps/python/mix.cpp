@@ -1,3 +1,5 @@
+#include <fmt/format.h>
+
 #include "apps/python/bindings.h"
 #include "apps/python/convert.h"
 #include "workflows/mix_lights.h"
@@ -10,9 +12,10 @@ std::string assignment_of(const std::string& argument, const std::pair<py::handl
   const std::string group = to_text(item.first);
   if (!py::isinstance<py::sequence>(item.second))
     return fmt::format("{}={}", group, to_positive(argument, item.second, /*or_zero=*/true));
-  std::vector<double> numbers;
-  for (const py::handle number : item.second) numbers.push_back(to_positive(argument, number, /*or_zero=*/true));
-  return fmt::format("{}={}", group, fmt::join(numbers, ","));
+  std::vector<std::string> numbers;
+  for (const py::handle number : item.second)
+    numbers.push_back(fmt::format("{}", to_positive(argument, number, /*or_zero=*/true)));
+  return fmt::format("{}={}", group, join(numbers, ","));
 }
 
 LayersPointer mix(const py::object& frame, const py::dict& gain, const py::dict& colour) {

@@ -6,24 +6,24 @@
 namespace brume {
 namespace {
 
-// A part's error is taken to be no less than this share of it, so that rounding falls on bright ones.
+// A part's error is taken to be this share of it more, so that rounding falls on bright ones.
 constexpr double kLeastError = 1e-3;
 
 }  // namespace
 
-void add_up_exactly(std::span<float> values, std::span<const double> errors, double sum) {
+void add_up_exactly(std::span<float> values, std::span<const double> weights, double sum) {
   std::vector<double> exact(values.begin(), values.end());
   std::vector<bool> fixed(values.size());
   for (bool again = true; again;) {
     again = false;
-    double missed = sum, error = 0;
+    double missed = sum, weight = 0;
     for (size_t i = 0; i < exact.size(); ++i) {
       missed -= exact[i];
-      if (!fixed[i]) error += errors[i];
+      if (!fixed[i]) weight += weights[i];
     }
     for (size_t i = 0; i < exact.size(); ++i) {
       if (fixed[i]) continue;
-      exact[i] += missed * errors[i] / error;
+      exact[i] += missed * weights[i] / weight;
       if (exact[i] >= 0 || sum < 0) continue;
       exact[i] = 0;
       fixed[i] = again = true;
@@ -46,16 +46,16 @@ void add_up_exactly(const std::vector<std::array<Plane*, 3>>& parts, const std::
   const int width = sum[0]->width();
   for_each_row(sum[0]->height(), quiet(task), [&](int y) {
     std::vector<float> values(parts.size());
-    std::vector<double> squares(parts.size());
+    std::vector<double> weights(parts.size());
     for (int x = 0; x < width; ++x)
       for (size_t c = 0; c < 3; ++c) {
         for (size_t i = 0; i < parts.size(); ++i) {
           values[i] = (*parts[i][c])(x, y);
           const double light = std::abs(static_cast<double>(values[i]));
-          const double error = errors.empty() ? std::sqrt(light) : static_cast<double>(errors[i](x, y));
-          squares[i] = error * error + kLeastError * kLeastError * light * light + 1e-30;
+          const double error = errors.empty() ? 0.0 : static_cast<double>(errors[i](x, y));
+          weights[i] = light * (error + kLeastError * light) + 1e-30;
         }
-        add_up_exactly(values, squares, static_cast<double>((*sum[c])(x, y)));
+        add_up_exactly(values, weights, static_cast<double>((*sum[c])(x, y)));
         for (size_t i = 0; i < parts.size(); ++i) (*parts[i][c])(x, y) = values[i];
       }
   });

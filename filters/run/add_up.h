@@ -7,15 +7,15 @@
 
 namespace brume {
 
-/// Changes estimates so that they add up to their known sum: each takes a share of the difference as its error is of
-/// all errors, so that what is well known changes little, and none falls below 0 where the sum is not. That is the most
-/// likely correction where the sum is exact and errors are independent and normal.
-/// @param values  the largest becomes the float nearest to what the others leave
-/// @param errors  squared, or what counts as such; above 0
-/// Source: reconciliation of forecasts, Wickramasuriya, Athanasopoulos, Hyndman 2019, with a diagonal covariance.
-void add_up_exactly(std::span<float> values, std::span<const double> errors, double sum);
+/// Changes estimates so that they add up to their known sum: each takes a share of the difference, and none falls below
+/// 0 where the sum is not.
+/// @param values   the largest becomes the float nearest to what the others leave
+/// @param weights  the shares, relative to one another; above 0
+void add_up_exactly(std::span<float> values, std::span<const double> weights, double sum);
 
-/// The same for pictures. @param errors  root mean squares of each picture, or none: bright ones err more
+/// The same for pictures. Shares are a part's light times its error: squared errors would be the likeliest correction,
+/// but errors are estimated over many pixels, and what dark pixels of a bright part were given by them is seen.
+/// @param errors  root mean squares of each picture, or none
 void add_up_exactly(const std::vector<std::array<Plane*, 3>>& parts, const std::vector<Plane>& errors,
                     const RgbPlanes& sum, const Task& task);
 

@@ -24,7 +24,7 @@ class Sorter {
   }
   size_t operator()(const std::string& group, bool shines, const std::string& kind) {
     if (!group.empty()) return place_of(group);
-    if (!shines || groups_.names.empty()) return 0;
+    if (!shines) return 0;
     if (!each_) return place_of(kRest);
     std::string name = kind;
     for (int number = 2; find(name) != groups_.names.end(); ++number) name = kind + "_" + std::to_string(number);

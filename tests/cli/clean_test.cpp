@@ -1,5 +1,6 @@
 // `brume render --clean`: from a volume or a scene to a clean picture in one command.
 
+#include <fmt/format.h>
 #include <gtest/gtest.h>
 
 #include <algorithm>
@@ -309,6 +310,94 @@ TEST_F(Clean, AVolumeOfAnyScaleGivesTheSamePicture) {
       for (int x = 0; x < frame.width(); ++x) difference += std::abs(frame.at("G")(x, y) - first.at("G")(x, y));
     EXPECT_LT(difference / (frame.width() * frame.height()), 0.01) << scale;
   }
+}
+
+/// The sum of layers by what stands before their groups' names, at a pixel.
+double sum_of_groups(const Layers& frame, const std::string& prefix, int x, int y) {
+  double sum = 0;
+  for (const char* group : {"sky", "sun", "point"}) sum += static_cast<double>(frame.at(prefix + group + ".G")(x, y));
+  return sum;
+}
+
+TEST_F(Clean, LightGroupsAddUpAndAreMixed) {
+  test::write_file(folder_ / "lit.toml", fmt::format(R"(
+[camera]
+position = [0, -5, 1.5]
+look_at = [0, 0, 1]
+[film]
+width = 48
+height = 36
+[environment]
+radiance = [0.2, 0.3, 0.4]
+[[volumes]]
+file = "{}"
+grid = "density_noise"
+sigma_t = 8
+object_to_world = [[1, 0, 0, -1], [0, 1, 0, -1], [0, 0, 1, 0], [0, 0, 0, 1]]
+[[lights]]
+type = "sun"
+direction = [1, -1, 1]
+irradiance = 2
+[[lights]]
+type = "point"
+position = [0, 0, 9]
+intensity = 1
+enabled = false
+[[lights]]
+type = "point"
+position = [-1.5, -1.5, 1]
+intensity = [1, 0.5, 0.25]
+)",
+                                                     test::source("data/volumes/smoke.vdb").string()));
+  const std::string render = "render " + path("lit.toml") + " --spp 4 --progress none --clean -o ";
+  ASSERT_EQ(run_brume(render + path("plain.exr")).status, 0);
+  auto r = run_brume(render + path("groups.exr") + " -D render.light_groups=true");
+  ASSERT_EQ(r.status, 0) << r.err;
+  const Layers plain = read_exr(folder_ / "plain.exr"), frame = read_exr(folder_ / "groups.exr");
+  EXPECT_FALSE(frame.find("light.sun.predicted_direct.R")) << "guides are kept only where they are asked for";
+  for (int y = 0; y < frame.height(); ++y)
+    for (int x = 0; x < frame.width(); ++x) {
+      const float clean = frame.at("G")(x, y), noisy = frame.at("noisy.G")(x, y);
+      EXPECT_LE(std::abs(sum_of_groups(frame, "clean_light.", x, y) - static_cast<double>(clean)),
+                std::nextafter(clean, 1e9f) - clean);
+      EXPECT_NEAR(sum_of_groups(frame, "light.", x, y), noisy, 1e-6 * static_cast<double>(noisy));
+      EXPECT_EQ(noisy, plain.at("noisy.G")(x, y));
+      EXPECT_NEAR(clean, plain.at("G")(x, y), 1e-3 * static_cast<double>(clean) + 1e-4) << "guides in another order";
+    }
+
+  r = run_brume("mix " + path("groups.exr") + " --gain sun=2,sky=0 --colour point=1,.5,2 -o " + path("mixed.exr") +
+                " --scene " + path("lit.toml") + " --save-scene " + path("mixed.toml"));
+  EXPECT_EQ(r.status, 2) << "the scene has no groups by itself";
+  r = run_brume("mix " + path("groups.exr") + " --gain sun=2,sky=0 --colour point=1,.5,2 -o " + path("mixed.exr"));
+  ASSERT_EQ(r.status, 0) << r.err;
+  const Layers mixed = read_exr(folder_ / "mixed.exr");
+  EXPECT_FALSE(mixed.find("direct.G")) << "not known by group";
+  EXPECT_TRUE(mixed.find("A"));
+  for (int y = 0; y < frame.height(); ++y)
+    for (int x = 0; x < frame.width(); ++x)
+      EXPECT_NEAR(mixed.at("G")(x, y),
+                  2 * frame.at("clean_light.sun.G")(x, y) + 0.5f * frame.at("clean_light.point.G")(x, y),
+                  1e-6 * static_cast<double>(mixed.at("G")(x, y)) + 1e-9);
+
+  const std::string text = test::read_file(folder_ / "lit.toml");
+  test::write_file(folder_ / "grouped.toml", text + "[render]\nlight_groups = true\n");
+  r = run_brume("mix " + path("groups.exr") + " --gain sun=2,sky=0 --colour point=1,.5,2 -o " + path("again.exr") +
+                " --scene " + path("grouped.toml") + " --save-scene " + path("mixed.toml"));
+  ASSERT_EQ(r.status, 0) << r.err;
+  r = run_brume("render " + path("mixed.toml") + " --spp 4 --progress none -o " + path("rendered.exr"));
+  ASSERT_EQ(r.status, 0) << r.err;
+  const Layers rendered = read_exr(folder_ / "rendered.exr");
+  EXPECT_FALSE(rendered.find("light.sky.G")) << "a black sky is no light";
+  const std::string scene = test::read_file(folder_ / "mixed.toml");
+  EXPECT_TRUE(holds(scene, "irradiance = [4")) << scene;
+  EXPECT_TRUE(holds(scene, "intensity = [1, 0.25, 0.5]")) << scene;
+
+  EXPECT_TRUE(
+      holds(run_brume("mix " + path("groups.exr") + " --gain key=2 -o " + path("x.exr")).err, "no light group 'key'"));
+  EXPECT_TRUE(
+      holds(run_brume("mix " + path("plain.exr") + " --gain sun=2 -o " + path("x.exr")).err, "no light groups"));
+  EXPECT_TRUE(
+      holds(run_brume("mix " + path("groups.exr") + " --gain sun=-2 -o " + path("x.exr")).err, "expected GROUP="));
 }
 
 }  // namespace

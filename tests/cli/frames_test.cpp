@@ -214,6 +214,40 @@ TEST_F(Frames, SurfacePassesAreMultipliedByTheirColour) {
   EXPECT_EQ(at("Combined"), (at("DiffDir") + at("DiffInd")) * at("DiffCol") + at("VolumeDir"));
 }
 
+// Light groups add up to the clean picture; with what lights without a group leave where there are any.
+TEST_F(Frames, LightGroupsOfCyclesAreCleanAndAddUp) {
+  for (const bool others : {false, true}) {
+    const auto value = [&](const std::string& channel, int x, int y) -> double {
+      const std::string c(1, channel.back());
+      const auto stored = [&](const std::string& pass) {
+        return static_cast<float>(noisy("V." + pass + "." + c, x, y));
+      };
+      if (!holds(channel, "Combined.")) return noisy(channel, x, y);
+      return static_cast<double>(stored("Combined_key") + stored("Combined_rim.001") + (others ? 0.5f : 0.0f));
+    };
+    write({{header_of({"V.Combined:RGB", "V.Combined_key:RGB", "V.Combined_rim.001:RGB"}, Imf::FLOAT), value}});
+    const std::string said = denoise();
+    EXPECT_TRUE(holds(said, "cleaned Combined, Combined_key, Combined_rim.001")) << said;
+    expect_kept_but({"V.Combined", "V.Combined_key", "V.Combined_rim.001"});
+    const Layers before = read_exr(in), after = read_exr(out);
+    for (const char* channel : {"V.Combined_key.R", "V.Combined_rim.001.G"})
+      EXPECT_LT(error(after, channel), 0.7 * error(before, channel)) << channel;
+    double rest = 0;
+    for (int y = 0; y < after.height(); ++y)
+      for (int x = 0; x < after.width(); ++x) {
+        const auto at = [&](const char* pass) {
+          return static_cast<double>(after.at(std::string("V.") + pass + ".G")(x, y));
+        };
+        const double left = at("Combined") - at("Combined_key") - at("Combined_rim.001");
+        if (!others) {
+          EXPECT_NEAR(left, 0, 1e-7 * at("Combined")) << x << " " << y;
+        }
+        rest += left / (after.width() * after.height());
+      }
+    EXPECT_NEAR(rest, others ? 0.5 : 0.0, 0.05);
+  }
+}
+
 TEST_F(Frames, CleanLayersMayStandBesideTheNoisy) {
   write({{cycles_header(Imf::HALF), cycles_value}});
   denoise("-f bilateral --suffix _clean");
