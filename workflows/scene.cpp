@@ -15,7 +15,8 @@ namespace brume {
 bool is_volume(const std::filesystem::path& path) {
   char magic[4] = {};
   std::ifstream(path, std::ios::binary).read(magic, sizeof magic);
-  return std::string_view(magic, sizeof magic) == std::string_view(" BDV", 4);
+  const std::string_view begin(magic, sizeof magic);
+  return begin == " BDV" || begin == "Nano";
 }
 
 namespace {

@@ -10,7 +10,7 @@
 
 namespace brume {
 
-/// Whether a file is an OpenVDB file, by its first bytes.
+/// Whether a file is an OpenVDB or NanoVDB file, by its first bytes.
 bool is_volume(const std::filesystem::path& path);
 
 struct LoadedScene {

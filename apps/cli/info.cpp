@@ -12,6 +12,7 @@
 #include "image/exr_io.h"
 #include "image/foreign.h"
 #include "volume/vdb_io.h"
+#include "workflows/scene.h"
 
 namespace brume::app {
 namespace {
@@ -212,15 +213,14 @@ int info_exr(const std::string& path, bool as_json) {
 void add_info(CLI::App& app, Common& common, Commands& commands) {
   const auto file = std::make_shared<std::string>();
   const Verb command = add_command(app, common, "info", "what is in a VDB or EXR file");
-  command("file", *file, "an OpenVDB or OpenEXR file")->required();
+  command("file", *file, "an OpenVDB, NanoVDB or OpenEXR file")->required();
   command("--json", common.json, "as one JSON object");
   commands[command] = [file, &common] {
     const std::string& path = *file;
     char magic[4] = {};
     std::ifstream(path, std::ios::binary).read(magic, 4);
     const bool exr = std::string_view(magic, 4) == std::string_view("\x76\x2f\x31\x01", 4);
-    const bool vdb = std::string_view(magic, 4) == std::string_view(" BDV", 4);
-    if (!exr && !vdb && std::filesystem::is_regular_file(path))
+    if (!exr && !is_volume(path) && std::filesystem::is_regular_file(path))
       throw InputError(fmt::format("{}: is neither an OpenVDB nor an OpenEXR file (by its first bytes)", path));
     return exr ? info_exr(path, common.json) : info_vdb(path, common.json);
   };

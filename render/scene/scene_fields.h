@@ -148,7 +148,7 @@ void describe(Visitor& v, EnvironmentSettings& e) {
 
 template <class Visitor>
 void describe(Visitor& v, VolumeSettings& s) {
-  v({"file", "", "OpenVDB file"}, s.file);
+  v({"file", "", "OpenVDB or NanoVDB file"}, s.file);
   v({"grid", "",
      "name of the density grid; empty: density, smoke, fog and such names of other programs, or a file's only grid of numbers whatever its name. Several grids of one name are density[0], density[1], grids without a name [0], [1], as brume info lists them"},
     s.grid);

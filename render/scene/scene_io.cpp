@@ -303,6 +303,7 @@ std::ifstream open_scene(const fs::path& path) {
   char magic[4] = {};
   stream.read(magic, sizeof magic);
   for (const auto& [bytes, what] : {std::pair(std::string_view(" BDV", 4), "an OpenVDB file"),
+                                    {std::string_view("Nano", 4), "a NanoVDB file"},
                                     {std::string_view("\x76\x2f\x31\x01", 4), "an OpenEXR file"},
                                     {std::string_view("\x89PNG", 4), "a PNG picture"}})
     if (std::string_view(magic, 4) == bytes)

@@ -17,7 +17,7 @@ std::string scene_reference() {
       "has that very name is taken as it is), and `camera.keys` move the camera. A camera with roll or zoom comes from\n"
       "`from_exr = \"camera.####.exr\"`, whatever else changes from one scene file per frame: `brume render\n"
       "'shot.####.toml' --frames 1-240`.\n\n"
-      "An OpenVDB file may stand in the place of a scene, or a sequence of them (`brume render smoke.vdb`, `brume view\n"
+      "An OpenVDB or NanoVDB file may stand in the place of a scene, or a sequence of them (`brume render smoke.vdb`, `brume view\n"
       "'smoke.####.vdb'`). What is said with `-D` is taken, and the rest is guessed to go with it and told: the camera\n"
       "frames what is seen of the density in a picture of that shape, voxels astray or too faint to be seen left out;\n"
       "`sigma_t` gives an optical depth of 12, or 4 where it burns. It burns where it holds flames, a temperature above\n"
