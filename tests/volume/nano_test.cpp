@@ -31,7 +31,8 @@ openvdb::GridPtrVec stored_grids() {
 
 void write_nano(const fs::path& path, const openvdb::GridPtrVec& grids, Codec codec) {
   std::vector<nanovdb::GridHandle<nanovdb::HostBuffer>> handles;
-  for (const auto& grid : grids) handles.push_back(nanovdb::openToNanoVDB(grid));
+  for (const auto& grid : grids)
+    handles.push_back(nanovdb::openToNanoVDB(grid, nanovdb::StatsMode::Default, nanovdb::ChecksumMode::Full));
   nanovdb::io::writeGrids(path.string(), handles, codec);
 }
 
