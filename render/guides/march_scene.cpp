@@ -72,7 +72,7 @@ MarchSteps::MarchSteps(const GuideMedia& media, const LightFields& fields, Guide
   double most = kEvenNodes * fields.lattice().spacing / length;
   for (const auto& light : fields.lights())
     if (light->sharp() && light->sharp()->sun() && media.media().size() > 1) most = std::min(most, kEvenStride);
-  if (even > 0) even_stride = std::max(1.0, std::min(kEvenThickness / (even * length), most));
+  if (even > 0) even_stride = std::max(1.0, std::floor(std::min(kEvenThickness / (even * length), most)));
   // Light of many tints is coloured where it is scattered, of suns and of nodes together.
   if (!media.mixed_tints()) field_spacing = static_cast<float>(kNodesPerLookUp * fields.lattice().spacing / length);
 }
