@@ -50,7 +50,8 @@ std::unique_ptr<openvdb::io::File> open(Reading& reading, const std::filesystem:
 
 /// Whether a file is NanoVDB's.
 bool is_nano(const std::filesystem::path& path);
-/// Writes the grids of such a file as those of a .vdb. @throws InputError, and what NanoVDB throws over damaged contents
+/// Writes the grids of such a file as those of a .vdb. @throws InputError, and what NanoVDB throws over damaged
+/// contents
 void unpack_nano(const std::filesystem::path& path, std::ostream& vdb);
 
 std::map<std::string, std::string> texts(const openvdb::MetaMap& meta);
