@@ -37,9 +37,10 @@ int run(const Options& o, const Common& common) {
   const std::filesystem::path inputs[] = {o.frame};
   check_writable(o.output, inputs, ".exr");
   const Host host = make_host(common);
+  const Layers frame = read_frame(ExrFile(o.frame), host);
   Layers mixed;
   try {
-    mixed = mix_lights(read_frame(ExrFile(o.frame), host), mix);
+    mixed = mix_lights(frame, mix);
   } catch (const InputError& error) {
     throw InputError(o.frame + ": " + error.what());
   }

@@ -22,8 +22,12 @@ void check_version(const fs::path& path) {
   std::ifstream stream(path, std::ios::binary);
   stream.exceptions(std::ios::failbit | std::ios::badbit);
   stream.read(reinterpret_cast<char*>(&header), sizeof(header));
+  if (header.magic != NANOVDB_MAGIC_NUMBER) {
+    const std::string found(reinterpret_cast<const char*>(&header.magic), sizeof(header.magic));
+    fail(path, fmt::format("is a NanoVDB file that begins with '{}'; expected NanoVDB0: convert it to .vdb", found));
+  }
   const uint32_t found = header.version.getMajor(), own = NANOVDB_MAJOR_VERSION_NUMBER;
-  if (header.magic != NANOVDB_MAGIC_NUMBER || found != own)
+  if (found != own)
     fail(path, fmt::format("is a NanoVDB file of version {}; expected {}: convert it to .vdb", found, own));
 }
 
