@@ -15,6 +15,7 @@ constexpr double kRatioOfOneSample = 100, kLeastRatio = 10;
 constexpr int kSurroundings = 10, kArea = 2;  // half widths [px]
 constexpr double kTrimmed = 0.05;             // of the surroundings' pixels, the brightest
 constexpr double kAreaRatio = 4, kLoneRatio = 2, kAgreement = 3;
+constexpr double kMostChance = 0.01;                      // that two single samples meet in a pixel
 constexpr double kReturnWindow = 32, kMostReturn = 0.03;  // deviation [px]; share of the light there
 
 double luminance_at(const RgbPlanes& rgb, int x, int y) {
@@ -41,6 +42,19 @@ double surrounding_level(const RgbPlanes& mean, int x, int y, std::vector<double
   double sum = 0;
   for (size_t i = 0; i < count; ++i) sum += values[i];
   return std::max(0.0, sum / static_cast<double>(count));
+}
+
+/// Whether both halves show it, and not because each has a bright sample there by chance.
+bool both_show(const RgbPlanes& a, const RgbPlanes& b, double light, int x, int y) {
+  const double least = std::min(luminance_at(a, x, y), luminance_at(b, x, y));
+  if (!(kAgreement * least > light)) return false;
+  int around = 0, in_one = 0;
+  for_each_around(x, y, kSurroundings, a[0]->width(), a[0]->height(), [&](int qx, int qy) {
+    const double qa = luminance_at(a, qx, qy), qb = luminance_at(b, qx, qy);
+    ++around;
+    in_one += std::max(qa, qb) > least && kAgreement * std::min(qa, qb) < std::max(qa, qb);
+  });
+  return !meet_by_chance(in_one, around);
 }
 
 /// One colour of everything that is known of a signal, and whether it goes with the square of it.
@@ -101,6 +115,11 @@ double redistribute(double taken, const Extreme& from, const Plane& picture, con
 
 }  // namespace
 
+bool meet_by_chance(int in_one, int pixels) {
+  constexpr double kMostChance = 0.01;
+  return static_cast<double>(in_one) * in_one > 4 * kMostChance * pixels;
+}
+
 std::vector<Extreme> find_extremes(const Layers& frame, const LayerName& signal, const Task& task) {
   const RgbPlanes mean = frame.rgb(signal);
   const int width = frame.width(), height = frame.height();
@@ -133,8 +152,7 @@ std::vector<Extreme> find_extremes(const Layers& frame, const LayerName& signal,
       if (2 * like_it >= around) continue;
       const double level = surrounding_level(mean, x, y, values);
       if (!(light > ratio * (level + typical))) continue;
-      const bool kept = halves ? kAgreement * std::min(luminance_at(a, x, y), luminance_at(b, x, y)) > light
-                               : kLoneRatio * brightest > light;
+      const bool kept = halves ? both_show(a, b, light, x, y) : kLoneRatio * brightest > light;
       rows[static_cast<size_t>(y)].push_back({x, y, level / light, kept});
     }
   });

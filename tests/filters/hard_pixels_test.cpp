@@ -140,11 +140,9 @@ TEST(HardPixels, APictureWithoutAFinitePixelIsRefused) {
 
 /// Adds to a pixel of the indirect light, its halves, buckets and variance, what one sample of 16, or all of them,
 /// bring.
-Layers with_bright_pixel(Layers frame, float value, bool one_sample) {
+Layers with_bright_pixel(Layers frame, float value, bool one_sample, int x = 64, int y = 60) {
   for (const size_t c : {0u, 1u, 2u}) {
-    const auto at = [&](std::string_view which) -> float& {
-      return (*frame.add_rgb(layer::indirect, which)[c])(64, 60);
-    };
+    const auto at = [&](std::string_view which) -> float& { return (*frame.add_rgb(layer::indirect, which)[c])(x, y); };
     at("") += value;
     for (const std::string_view half : {statistic::half_a, statistic::half_b})
       if (!one_sample)
@@ -214,6 +212,17 @@ TEST(BrightPixels, WhatBothHalvesShowStaysAndChangesNoOther) {
     const Layers lit = apply_filter(f, with_bright_pixel(frame, value, /*one_sample=*/false), {}, {});
     EXPECT_NEAR(lit.at("G")(64, 60) / (value + 0.5 + frame.at("direct.G")(64, 60)), 1, 0.3) << value;
     EXPECT_LT(largest_difference(lit, clean, [](int x, int y) { return x != 64 || y != 60; }), 0.05) << value;
+  }
+}
+
+TEST(BrightPixels, SamplesThatMeetByChanceAreNoPoint) {
+  Layers frame = sampled_frame(128, 128, 16, 0.2, 8, flat);
+  const FilterSettings f = parse_filter("transport_regression");
+  for (const float value : {17.0f, 100.0f, 1e5f}) {
+    Layers hit = with_bright_pixel(frame, value, /*one_sample=*/false);
+    for (int i = 0; i < 12; ++i)
+      hit = with_bright_pixel(std::move(hit), value, /*one_sample=*/true, 55 + 5 * (i % 4), 52 + 5 * (i / 4));
+    EXPECT_LT(apply_filter(f, hit, {}, {}).at("G")(64, 60), 1 + 0.1f * value) << value;
   }
 }
 

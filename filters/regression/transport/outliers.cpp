@@ -4,6 +4,7 @@
 #include <cmath>
 
 #include "base/vec.h"
+#include "filters/inputs/extremes.h"
 
 namespace brume {
 namespace {
@@ -13,11 +14,14 @@ constexpr double kNoiseWindow = 10, kReturnWindow = 32;
 // An outlier is this many times what the other half shows, and more.
 constexpr float kAgreement = 3;
 // What both halves show is a point, a lamp or a star, where within this radius [px] no more pixels than these have a
-// quarter of it.
-constexpr int kPointRadius = 3, kPointPixels = 4;
+// quarter of it, and too few within another are as bright in one half alone for noise.
+constexpr int kPointRadius = 3, kPointPixels = 4, kChanceRadius = 10;
 constexpr float kPointShare = 0.25f;
 // From neighbours that are more times as bright, as in a highlight, less is taken over.
 constexpr float kBrighter = 2;
+
+/// What is far above a fit in both halves.
+enum class Shown { kArea, kPoint, kNoise };
 
 /// What lies above a fit, relative to it: of each half.
 struct Excess {
@@ -59,20 +63,35 @@ struct Excess {
     most = static_cast<float>(limit * found);
   }
   float of_both(int x, int y) const { return std::min(a(x, y), b(x, y)); }
-  /// Whether what both halves show at a pixel is a lamp or a star.
-  bool is_point(int x, int y) const {
-    int like_it = 0;
-    const Box box = Box{x, y, x + 1, y + 1}.grown(kPointRadius, a.width(), a.height());
-    for (int v = box.y0; v < box.y1; ++v)
-      for (int u = box.x0; u < box.x1; ++u) like_it += of_both(u, v) > kPointShare * of_both(x, y);
-    return like_it <= kPointPixels;
+  /// Whether what both halves show at a pixel is a lamp or a star, or noise that is bright in both by chance.
+  /// @param can_be_point  whether there can be lamps and stars
+  Shown shown(int x, int y, bool can_be_point) const {
+    const float here = of_both(x, y);
+    const auto count = [&](int radius, const auto& counts) {
+      const Box box = Box{x, y, x + 1, y + 1}.grown(radius, a.width(), a.height());
+      int n = 0;
+      for (int v = box.y0; v < box.y1; ++v)
+        for (int u = box.x0; u < box.x1; ++u) n += counts(u, v);
+      return n;
+    };
+    if (count(kPointRadius, [&](int u, int v) { return of_both(u, v) > kPointShare * here; }) > kPointPixels)
+      return Shown::kArea;
+    const int in_one = count(kChanceRadius, [&](int u, int v) {
+      const float brighter = std::max(a(u, v), b(u, v));
+      return brighter > here && kAgreement * of_both(u, v) < brighter;
+    });
+    const int around = count(kChanceRadius, [](int, int) { return true; });
+    return can_be_point && !meet_by_chance(in_one, around) ? Shown::kPoint : Shown::kNoise;
   }
 };
 
 /// Draws outliers in to a first fit.
-/// @param halves  whether a and b are two halves; else the whole signal twice
-ClampedHalves clamped(const RgbPlanes& a, const RgbPlanes& b, const HalfPair& first, const Plane& mask, double limit,
-                      bool halves, const Task& task) {
+/// @param blurred  whether only surfaces can show points: a medium scatters light into all of its neighbourhood
+ClampedHalves clamped(const RegressionInput& input, const HalfPair& first, double limit, bool blurred,
+                      const Task& task) {
+  const RgbPlanes &a = input.half_a, &b = input.half_b;
+  const Plane &mask = input.known.mask, &solid = input.known.surfaces.share;
+  const bool halves = input.halves;
   const Rgb fit = mean(first, task);
   const int width = mask.width(), height = mask.height();
   const Excess excess(a, b, brightness(first, task), mask, limit, task);
@@ -95,10 +114,12 @@ ClampedHalves clamped(const RgbPlanes& a, const RgbPlanes& b, const HalfPair& fi
       if (!(mask(x, y) > 0)) continue;
       const float most = static_cast<float>(limit) * std::sqrt(std::max(0.5f * local(x, y), 0.0f) +
                                                                0.5f * top * top / static_cast<float>(limit * limit));
-      // What both halves show is no outlier.
-      const bool point = halves && excess.of_both(x, y) > most && excess.is_point(x, y);
+      const bool can_be_point = !blurred || (!solid.empty() && solid(x, y) > 0);
+      const Shown shown = halves && excess.of_both(x, y) > most ? excess.shown(x, y, can_be_point) : Shown::kArea;
+      const bool point = shown == Shown::kPoint, agree = halves && shown != Shown::kNoise;
       const auto draw = [&](const Plane& u, const Plane& other, Rgb& half) {
-        const float bound = halves ? std::max(most, kAgreement * other(x, y)) : most;
+        // What both halves show is no outlier.
+        const float bound = agree ? std::max(most, kAgreement * other(x, y)) : most;
         if (!(u(x, y) > (point ? most : bound))) return;
         const float share = 1 - std::min(1.0f, bound / u(x, y)), all = point ? 1 - most / u(x, y) : share;
         for (size_t c = 0; c < 3; ++c) {
@@ -147,7 +168,7 @@ HalfPair chessboard_halves(const Rgb& data, const Rgb& fit, const Plane& mask, c
 
 }  // namespace
 
-ClampedHalves draw_outliers_in(RegressionInputs& inputs, float power, double limit, const Task& task) {
+ClampedHalves draw_outliers_in(RegressionInputs& inputs, float power, double limit, bool blurred, const Task& task) {
   for (RegressionInput& q : inputs) q.weigh_by(q.known.bright, power, task);
   TransportColumns& own = inputs[0].known;
   for (const Fit fit : {Fit::kPredicted, Fit::kShape, Fit::kAll}) own[fit].standardise(inputs[0].weight, task);
@@ -162,7 +183,7 @@ ClampedHalves draw_outliers_in(RegressionInputs& inputs, float power, double lim
   ClampedHalves own_data;
   for (size_t i = 0; i < inputs.size(); ++i) {
     RegressionInput& q = inputs[i];
-    ClampedHalves drawn = clamped(q.half_a, q.half_b, fits[i], q.known.mask, limit, q.halves, task);
+    ClampedHalves drawn = clamped(q, fits[i], limit, blurred, task);
     q.left = q.halves ? HalfPair{std::move(drawn.a), std::move(drawn.b)}
                       : chessboard_halves(drawn.a, fits[i].a, q.known.mask, task);
     fits[i] = {};

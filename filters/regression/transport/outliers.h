@@ -18,9 +18,10 @@ struct ClampedHalves {
 /// Deviations are those of the neighbourhood, relative to the fit, themselves robust. Points are drawn in, too: no fit
 /// explains them, and one that is bright enough would make all of its neighbourhood seem unexplained. Frames without
 /// halves get two pictures in their place, of the pixels of one colour of a chessboard each.
-/// @param power  pixels weigh as their brightness to minus this power
+/// @param power    pixels weigh as their brightness to minus this power
+/// @param blurred  whether only surfaces can show points: a medium scatters light into all of its neighbourhood
 /// @return  of the frame to clean
-ClampedHalves draw_outliers_in(RegressionInputs& inputs, float power, double limit, const Task& task);
+ClampedHalves draw_outliers_in(RegressionInputs& inputs, float power, double limit, bool blurred, const Task& task);
 
 /// Returns light to the neighbourhood it was taken from, in proportion to the picture.
 void redistribute_energy(const Rgb& taken, Rgb& picture, const Plane& mask, const Task& task);

@@ -130,7 +130,8 @@ void run(const TransportRegression& p, const FilterFrame& frame, const FilterOut
   const double limit = static_cast<double>(p.limit) * std::max(1.0, std::pow(samples / 16, 0.25));
   // Noise grows with light that paths find; direct light holds background, too, so that its brightness says nothing.
   const float power = frame.name == layer::direct ? 0.0f : p.weight_power;
-  ClampedHalves clamped = draw_outliers_in(inputs, power, limit, task);
+  const bool blurred = known.guided && frame.name == layer::indirect;
+  ClampedHalves clamped = draw_outliers_in(inputs, power, limit, blurred, task);
   task.report(0.2);
 
   std::optional<HalfPair> over_frames;
