@@ -85,11 +85,14 @@ void add_beam(Radiance& light, size_t node, double irradiance, const dvec3& towa
   for (int a = 0; a < 3; ++a) light[static_cast<size_t>(a) + 1][node] -= static_cast<float>(mean * towards[a]);
 }
 
-/// Adds a lamp's light at a node. @param share  what surfaces and media leave of it
+/// Adds a lamp's light at a node.
+/// @param share   what surfaces and media leave of it
+/// @param stands  in place of its own colour, where it stands for several
 void add_lamp(const LightSolve& solve, const KnownLight& light, size_t node, const dvec3& p, double share,
-              Radiance& arriving) {
+              Radiance& arriving, const dvec3* stands = nullptr) {
   const ArrivingLight mean = mean_over_cube(light, p, solve.solver.lattice().spacing);
-  add_beam(arriving, node, in_colour(mean.irradiance, solve.colour) * share, mean.mean_cosine() * mean.towards);
+  const dvec3 irradiance = stands ? luminance(mean.irradiance) * *stands : mean.irradiance;
+  add_beam(arriving, node, in_colour(irradiance, solve.colour) * share, mean.mean_cosine() * mean.towards);
 }
 
 /// What a surface reflects of a light by points of it: few, or more where parts of it are hidden.
@@ -252,44 +255,88 @@ Radiance LampLight::arriving(const LightSolve& solve) {
 
 namespace {
 
+/// Lights that share their guides. Many lamps are known by some of them that stand for all, wherever they are asked
+/// for.
 class OtherLights final : public GuideLight {
  public:
-  OtherLights(const dvec3& mean, std::vector<KnownLight> lights, GuideColour only)
-      : GuideLight("others", mean, only), lights_(std::move(lights)) {}
+  OtherLights(const dvec3& mean, const std::vector<KnownLight>& lights, GuideColour only)
+      : GuideLight("others", mean, only) {
+    std::vector<const Light*> lamps;
+    for (const KnownLight& light : lights) {
+      const bool lamp = base_of(light).place().has_value();
+      if (lamp) lamps.push_back(&base_of(light));
+      (lamp ? lamps_ : single_).push_back(light);
+    }
+    if (lamps_.size() > kFewLamps) {
+      tree_ = LightTree(std::move(lamps));
+    } else {
+      single_ = lights;
+      lamps_.clear();
+    }
+  }
 
   Radiance arriving(const LightSolve& solve) override {
     Radiance light = solve.solver.nothing<Radiance>();
     LightSolve own_colour = solve;
     if (solve.colour == kGrey) own_colour.colour = channel;
-    for (const KnownLight& lamp : lights_) {
+    for (const KnownLight& lamp : single_) {
       const LightShares shares(solve, [&](const dvec3& p) {
         const ArrivingLight here = arriving_light(lamp, p);
         return here.distance * here.towards;
       });
-      solve.solver.each_node([&](int x, int y, int z, size_t i) {
-        if (solve.solver.extinction()[i] == 0) return;
-        const dvec3 p = solve.solver.lattice().node(x, y, z);
-        if (const double share = shares.at(p); share > 0) add_lamp(own_colour, lamp, i, p, share, light);
-      });
+      each_lit_node(solve, shares,
+                    [&](size_t i, const dvec3& p, double share) { add_lamp(own_colour, lamp, i, p, share, light); });
     }
+    if (tree_.empty()) return light;
+    const LightShares shares(solve, [&](const dvec3& p) {
+      std::vector<LightTarget> targets;
+      for (const LightTree::Stand& stand : tree_.stands(p, kDoubt)) {
+        const ArrivingLight here = arriving_light(lamps_[stand.number], p);
+        targets.push_back({here.distance * here.towards, luminance(here.irradiance) * luminance(stand.factor)});
+      }
+      return targets;
+    });
+    each_lit_node(solve, shares, [&](size_t i, const dvec3& p, double share) {
+      for (const LightTree::Stand& stand : tree_.stands(p, kDoubt))
+        add_lamp(own_colour, lamps_[stand.number], i, p, share, light, &stand.factor);
+    });
     return light;
   }
   Lit onto(const LitSurfaces& surfaces, const SurfaceLight::Around&, const dvec3& p,
            const dvec3& normal) const override {
     Lit lit;
     const dvec3 own = channel == kGrey ? dvec3(1) : colour;
-    for (const KnownLight& lamp : lights_) lit.add(own, lamp_onto(lamp, surfaces, p, normal));
+    for (const KnownLight& lamp : single_) lit.add(own, lamp_onto(lamp, surfaces, p, normal));
+    if (tree_.empty()) return lit;
+    for (const LightTree::Stand& stand : tree_.stands(p, kDoubt)) {
+      const Lit of_one = lamp_onto(lamps_[stand.number], surfaces, p, normal);
+      lit.add(own * stand.factor, {dvec3(luminance(of_one.direct)), dvec3(luminance(of_one.indirect))});
+    }
     return lit;
   }
 
  private:
-  const std::vector<KnownLight> lights_;
+  static constexpr size_t kFewLamps = 64;
+  static constexpr double kDoubt = 0.03;
+
+  /// Calls visit(i, p, share) for the nodes in media that light reaches.
+  template <class Visit>
+  static void each_lit_node(const LightSolve& solve, const LightShares& shares, const Visit& visit) {
+    solve.solver.each_node([&](int x, int y, int z, size_t i) {
+      if (solve.solver.extinction()[i] == 0) return;
+      const dvec3 p = solve.solver.lattice().node(x, y, z);
+      if (const double share = shares.at(p); share > 0) visit(i, p, share);
+    });
+  }
+
+  std::vector<KnownLight> single_, lamps_;
+  LightTree tree_;  // of lamps_
 };
 
 }  // namespace
 
-std::unique_ptr<GuideLight> other_lights(const dvec3& colour, std::vector<KnownLight> lights, GuideColour only) {
-  return std::make_unique<OtherLights>(colour, std::move(lights), only);
+std::unique_ptr<GuideLight> other_lights(const dvec3& colour, const std::vector<KnownLight>& lights, GuideColour only) {
+  return std::make_unique<OtherLights>(colour, lights, only);
 }
 
 void LightShares::look(const LightSolve& solve, const ivec3& node, const dvec3& to) {
@@ -301,6 +348,26 @@ void LightShares::look(const LightSolve& solve, const ivec3& node, const dvec3& 
   open_[i] = static_cast<float>(solve.passage({p, towards}, distance));
   if (open_[i] > 0)
     depth_[i] = static_cast<float>(solve.solver.mean_scale() * depth_along(solve.solver, p, towards, distance));
+}
+
+void LightShares::look(const LightSolve& solve, const ivec3& node, const std::vector<LightTarget>& lights) {
+  const dvec3 p = lattice_.node(node.x, node.y, node.z);
+  if (!any_media_near(solve.solver, p)) return;
+  double all = 0, open = 0, left = 0;
+  for (const LightTarget& light : lights) {
+    const double distance = glm::length(light.to);
+    if (!(distance > 0)) continue;
+    const dvec3 towards = light.to / distance;
+    const double passes = light.weight * solve.passage({p, towards}, distance);
+    all += light.weight;
+    open += passes;
+    if (passes > 0)
+      left += passes * attenuation(solve.solver.mean_scale() * depth_along(solve.solver, p, towards, distance));
+  }
+  constexpr double kDeep = 700;  // nothing is left
+  const size_t i = lattice_.index(node.x, node.y, node.z);
+  open_[i] = static_cast<float>(all > 0 ? open / all : 0);
+  depth_[i] = static_cast<float>(left > 0 ? -portable_log(left / open) : open > 0 ? kDeep : 0);
 }
 
 double LightShares::at(const dvec3& p) const {

@@ -107,13 +107,20 @@ class LampLight final : public SharpLight {
 };
 
 /// Suns and lamps that share their guides. @param only  a colour channel of theirs, or kGrey
-std::unique_ptr<GuideLight> other_lights(const dvec3& colour, std::vector<KnownLight> lights, GuideColour only);
+std::unique_ptr<GuideLight> other_lights(const dvec3& colour, const std::vector<KnownLight>& lights, GuideColour only);
 
-/// What surfaces leave of a light at the nodes, and its optical depth without the forward peak: known at those of the
-/// coarse lattice.
+/// A light as seen from a point: the vector that leads there, and how much it counts among several.
+struct LightTarget {
+  dvec3 to;
+  double weight;
+};
+
+/// What surfaces leave of lights at the nodes, and the optical depth towards them without the forward peak: known at
+/// those of the coarse lattice.
 class LightShares {
  public:
-  /// @param target  called as target(p) for the vector that leads from a point to the light; 0 where it does not shine
+  /// @param target  called as target(p) for the vector that leads from a point to the light, 0 where it does not shine,
+  ///                or for a list of LightTarget
   template <class Target>
   LightShares(const LightSolve& solve, const Target& target)
       : lattice_(solve.coarse), open_(lattice_.size()), depth_(lattice_.size()) {
@@ -126,6 +133,7 @@ class LightShares {
 
  private:
   void look(const LightSolve& solve, const ivec3& node, const dvec3& to);
+  void look(const LightSolve& solve, const ivec3& node, const std::vector<LightTarget>& lights);
 
   const Lattice& lattice_;
   NodeValues open_, depth_;

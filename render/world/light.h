@@ -1,4 +1,6 @@
 #pragma once
+#include <optional>
+
 #include "base/math.h"
 #include "render/scene/scene.h"
 #include "volume/medium.h"
@@ -19,6 +21,15 @@ struct LightSample {
   size_t index = 0;              ///< its number among the sampled lights
 };
 
+/// Where a light stands: in a ball, and from afar its importance is its power over the squared distance.
+struct LightPlace {
+  dvec3 centre;
+  double radius;
+  dvec3 power;
+  dvec3 axis{0};
+  double cone = kPi;  ///< half angle around the axis in which it shines
+};
+
 /// Something that next-event estimation can aim at.
 class Light {
  public:
@@ -29,6 +40,8 @@ class Light {
   virtual bool delta() const { return false; }
   /// Where a small light sits, around which its light falls off with the square of the distance; null for the others.
   virtual const dvec3* centre() const { return nullptr; }
+  /// None of light from infinity and of fields.
+  virtual std::optional<LightPlace> place() const { return {}; }
 
   size_t group = 0;  ///< in Lights::groups
 };

@@ -108,7 +108,7 @@ double RectangleLight::intersect(const Ray& ray) const {
 }
 
 double RectangleLight::importance(const dvec3& p) const {
-  const dvec3 to = corner_ + 0.5 * (x_ + y_) - p;
+  const dvec3 to = middle() - p;
   return luminance(radiance_) * kPi * std::min(1.0, area_ / (kPi * glm::dot(to, to)));
 }
 

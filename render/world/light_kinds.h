@@ -1,5 +1,7 @@
 #pragma once
+#include <algorithm>
 #include <array>
+#include <cmath>
 #include <vector>
 
 #include "render/world/light.h"
@@ -46,6 +48,9 @@ class SphereLight : public FiniteLight {
   double pdf(const dvec3& p) const;
   double importance(const dvec3& p) const override;
   const dvec3* centre() const override { return &centre_; }
+  std::optional<LightPlace> place() const override {
+    return LightPlace{centre_, radius_, kPi * radius_ * radius_ * radiance_};
+  }
 
  private:
   dvec3 centre_, radiance_;
@@ -64,8 +69,13 @@ class RectangleLight : public FiniteLight {
   }
   double pdf(const Ray& ray, double t) const override { return t * t / (area_ * std::abs(glm::dot(ray.d, normal_))); }
   double importance(const dvec3& p) const override;
+  std::optional<LightPlace> place() const override {
+    return LightPlace{middle(), 0.5 * std::max(glm::length(x_ + y_), glm::length(x_ - y_)), area_ * radiance_};
+  }
 
  private:
+  dvec3 middle() const { return corner_ + 0.5 * (x_ + y_); }
+
   dvec3 corner_, x_, y_, normal_, radiance_;
   double area_;
   bool two_sided_;
@@ -79,10 +89,13 @@ class PointLight : public Light {
   double importance(const dvec3& p) const override;
   bool delta() const override { return true; }
   const dvec3* centre() const override { return &position_; }
+  std::optional<LightPlace> place() const override {
+    return LightPlace{position_, 0, intensity_, axis_, cos_outer_ < -1 ? kPi : std::acos(cos_outer_)};
+  }
 
  private:
   dvec3 intensity_towards(const dvec3& d) const;
-  dvec3 position_, intensity_, axis_;
+  dvec3 position_, intensity_, axis_{0};
   bool cosine_ = false;                     // the intensity falls with the cosine to the axis
   double cos_inner_ = -2, cos_outer_ = -2;  // -2: a point light, no cone
 };
@@ -94,6 +107,7 @@ class MeshLight : public Light {
   MeshLight(const TriangleMesh& mesh, const dvec3& radiance, bool two_sided);
   LightSample sample(const dvec3& p, const dvec2& u) const override;
   double importance(const dvec3& p) const override;
+  std::optional<LightPlace> place() const override { return LightPlace{centre_, extent_, area_ * radiance_}; }
   /// In solid angle at distance t, for a point of the mesh met under cos_theta.
   double pdf(double t, double cos_theta) const { return t * t / (area_ * std::abs(cos_theta)); }
   const dvec3& radiance() const { return radiance_; }

@@ -4,6 +4,7 @@
 
 #include <algorithm>
 #include <set>
+#include <tuple>
 
 #include "render/world/everywhere.h"
 #include "render/world/sky.h"
@@ -19,6 +20,17 @@ bool shines(const Light& light) {
 }  // namespace
 
 LightChoice::LightChoice(std::vector<const Light*> lights) : lights_(std::move(lights)) {
+  std::vector<const Light*> standing;
+  for (size_t i = 0; i < lights_.size(); ++i) {
+    number_[lights_[i]] = i;
+    (lights_[i]->place() ? standing : single_).push_back(lights_[i]);
+  }
+  if (standing.size() > LightTree::kFew) {
+    for (size_t i = 0; i < standing.size(); ++i) number_in_tree_[standing[i]] = i;
+    tree_ = LightTree(std::move(standing));
+  } else {
+    single_ = lights_;
+  }
   for (const Light* light : lights_)
     same_everywhere_ = same_everywhere_ && dynamic_cast<const InfiniteLight*>(light) != nullptr;
   fields_alone_ = !lights_.empty() && std::all_of(lights_.begin(), lights_.end(), [](const Light* light) {
@@ -34,41 +46,54 @@ LightSample LightChoice::sample(const dvec3& p, double choice, const dvec2& u) c
   if (lights_.empty()) return {};
   size_t i = 0;
   double share = 1;
+  const Light* light = nullptr;
   if (same_everywhere_) {
     while (i + 1 < share_.size() && choice >= share_[i]) choice -= share_[i++];
     share = share_[i];
+    light = single_[i];
   } else {
-    const double total = this->total(p);
+    const LightTree::Cut* const many = tree_.empty() ? nullptr : &tree_.cut(p);
+    const double total = single_total(p) + (many ? many->importance : 0);
     double left = choice * total, importance = 0;
-    for (; i < lights_.size(); ++i) {
-      importance = lights_[i]->importance(p);
+    for (; i < single_.size(); ++i) {
+      importance = single_[i]->importance(p);
       if (left < importance) break;
-      if (i + 1 == lights_.size()) {
+      if (i + 1 == single_.size() && !many) {
         if (fields_alone_) return {};
         break;
       }
       left -= importance;
     }
-    share = importance / total;
+    if (i < single_.size()) {
+      share = importance / total;
+      light = single_[i];
+    } else {
+      std::tie(light, share) = tree_.pick(*many, p, std::min(left / many->importance, 1 - 1e-12));
+      share *= many->importance / total;
+    }
   }
-  LightSample s = lights_[i]->sample(p, u);
+  LightSample s = light->sample(p, u);
   s.pdf *= share;
-  s.light = lights_[i];
-  s.index = i;
+  s.light = light;
+  s.index = tree_.empty() ? i : number_.at(light);
   return s;
 }
 
 double LightChoice::probability(const Light& light, const dvec3& p) const {
-  const auto found = std::find(lights_.begin(), lights_.end(), &light);
-  if (found == lights_.end()) return 0;
-  if (same_everywhere_) return share_[static_cast<size_t>(found - lights_.begin())];
-  const double total = this->total(p);
-  return total > 0 ? light.importance(p) / total : 0.0;
+  const auto found = number_.find(&light);
+  if (found == number_.end()) return 0;
+  if (same_everywhere_) return share_[found->second];
+  const LightTree::Cut* const many = tree_.empty() ? nullptr : &tree_.cut(p);
+  const double total = single_total(p) + (many ? many->importance : 0);
+  if (!(total > 0)) return 0;
+  const auto in_tree = number_in_tree_.find(&light);
+  if (in_tree == number_in_tree_.end()) return light.importance(p) / total;
+  return many->importance / total * tree_.probability(*many, p, in_tree->second);
 }
 
-double LightChoice::total(const dvec3& p) const {
+double LightChoice::single_total(const dvec3& p) const {
   double total = 0;
-  for (const Light* light : lights_)
+  for (const Light* light : single_)
     total += fields_alone_ ? static_cast<const FieldLight*>(light)->irradiance(p) : light->importance(p);
   return total;
 }
@@ -151,6 +176,7 @@ std::optional<size_t> Lights::group_of_background() const {
 }
 
 void Lights::finish(const std::string& mode) {
+  if (finite_.size() > LightTree::kFew) finite_tree_ = LightTree({finite_.begin(), finite_.end()});
   if (mode == "none") return;
   std::vector<const Light*> sampled;
   for (const auto& light : all_) {
@@ -177,21 +203,22 @@ LightSample Lights::sample_visible(const dvec3& p, double choice, const dvec2& u
 std::pair<const FiniteLight*, double> Lights::nearest(const Ray& ray, double t_max, bool seen, double t_min) const {
   const double behind = t_min * (1 + 1e-9);  // of the light that was met at t_min
   std::pair<const FiniteLight*, double> found{nullptr, t_max};
-  for (const FiniteLight* light : finite_) {
-    if (seen && !light->visible()) continue;
-    const double t = light->intersect(ray);
-    if (t > behind && t < found.second) found = {light, t};
-  }
+  finite_along(ray, t_max, [&](const FiniteLight& light) {
+    if (seen && !light.visible()) return;
+    const double t = light.intersect(ray);
+    if (t > behind && t < found.second) found = {&light, t};
+  });
   return found;
 }
 
 bool Lights::blocked(const Ray& shadow, double distance, const Light* from) const {
-  for (const FiniteLight* light : finite_) {
-    if (light == from || !light->solid()) continue;
-    const double t = light->intersect(shadow);
-    if (t > 0 && t < distance) return true;
-  }
-  return false;
+  bool met = false;
+  finite_along(shadow, distance, [&](const FiniteLight& light) {
+    if (met || &light == from || !light.solid()) return;
+    const double t = light.intersect(shadow);
+    met = t > 0 && t < distance;
+  });
+  return met;
 }
 
 bool Lights::any() const {

@@ -3,12 +3,14 @@
 #include <memory>
 #include <optional>
 #include <string>
+#include <unordered_map>
 #include <vector>
 
 #include "render/scene/light_groups.h"
 #include "render/world/environment.h"
 #include "render/world/field_light.h"
 #include "render/world/light_kinds.h"
+#include "render/world/light_tree.h"
 
 namespace brume {
 
@@ -27,9 +29,12 @@ class LightChoice {
   double probability(const Light& light, const dvec3& p) const;
 
  private:
-  double total(const dvec3& p) const;
+  double single_total(const dvec3& p) const;
 
   std::vector<const Light*> lights_;
+  std::vector<const Light*> single_;  // weighed one by one: all, but for those of the tree
+  LightTree tree_;                    // of many that stand somewhere
+  std::unordered_map<const Light*, size_t> number_, number_in_tree_;
   bool fields_alone_ = false;
   bool same_everywhere_ = true;  // only infinite lights: the choice does not depend on the point
   std::vector<double> share_;    // where same_everywhere_
@@ -109,11 +114,21 @@ class Lights {
   std::vector<std::string> notes() const;
 
  private:
+  /// Calls visit(light) for the finite lights that a ray may meet before t_max.
+  template <class Visit>
+  void finite_along(const Ray& ray, double t_max, const Visit& visit) const {
+    if (finite_tree_.empty())
+      for (const FiniteLight* light : finite_) visit(*light);
+    else
+      finite_tree_.along(ray, t_max, [&](size_t number) { visit(*finite_[number]); });
+  }
+
   LightGroups groups_;
   std::vector<size_t> emission_groups_;
   std::vector<std::unique_ptr<Light>> all_;  // the environment first, black or not
   std::vector<const InfiniteLight*> infinite_;
   std::vector<const FiniteLight*> finite_;
+  LightTree finite_tree_;  // where they are many
   std::vector<const MeshLight*> meshes_;
   std::vector<const FieldLight*> fields_;
   std::vector<const Sun*> suns_;
