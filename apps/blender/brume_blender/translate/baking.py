@@ -25,6 +25,7 @@ _FILLED = {}  # blocks that hold something, by a digest of field and blocks
 PROBES = 8192
 BATCH = 1 << 16  # points at once
 MILLIONS = 16  # of voxels, unless the scene says otherwise
+VIEWPORT_MILLIONS = 0.5  # at most in a viewport, which waits for them
 
 
 @dataclass

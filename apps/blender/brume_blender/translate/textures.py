@@ -5,6 +5,7 @@ from dataclasses import dataclass
 import numpy as np
 
 from .node_values import UnknownNode, Values
+from .nodes import signature
 from .pictures import NoPicture, file_of, is_linear, pixels_of, write_exr
 
 PROBES = 256  # points by which colours are told apart
@@ -67,7 +68,7 @@ class Textures:
 
     def __init__(self, folder, notes):
         self._folder, self._notes = folder, notes
-        self._written = {}
+        self._written = folder.written
 
     def of(self, plug, name, surface):
         """(colour, Texture or None) of a colour's plug. @param surface  surface_points.Surface, for what is no picture"""
@@ -100,7 +101,7 @@ class Textures:
             self._notes.say(name, f"{what}; {STAND_IN} is taken for it")
         if np.ptp(probed, axis=0).max() < 1e-6:
             return probed[0].astype(float), None
-        key = (surface.key, plug.key(), probed.tobytes())
+        key = (*surface.key, plug.key(), probed.tobytes())
         if key not in self._written:
             atlas = Atlas(surface.count, TEXELS)
             path = self._folder.new(".exr", "texture", name)
@@ -124,7 +125,8 @@ class Textures:
             found.append(p)
             return pixels_of(p.node.image, self._notes, name).reshape(-1, 3)
 
-        key = plug.resolve().key()
+        here = plug.resolve()
+        key = (here.key(), *(signature(node.id_data) for node in (here.node, *here.groups)))
         if key in self._written:
             return self._written[key]
         colours = Values(leaves).colour(plug)
@@ -133,7 +135,7 @@ class Textures:
         self._say_settings(node, name)
         uv_map, matrix, offset = self._coordinates(image_plug)
         path = file_of(image)
-        direct = plug.resolve().key() == image_plug.key() and path is not None and _read_alike(image, path)
+        direct = here.key() == image_plug.key() and path is not None and _read_alike(image, path)
         if not direct:
             path = self._folder.new(".exr", "texture", image.name)
             width, height = image.size
