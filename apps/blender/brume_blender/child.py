@@ -103,15 +103,16 @@ class Child:
     def interrupt(self):
         """Asks it to end as Ctrl-C does, kills it where it does not, and waits for that."""
         self._process.terminate()
-        self._wait(PATIENCE)
-        if not self.ended():
+        if not self.ends_soon():
             self._process.kill()
         self._process.wait()
 
-    def _wait(self, seconds):
-        end = time.monotonic() + seconds
+    def ends_soon(self):
+        """Waits a little for its end. @return whether it came"""
+        end = time.monotonic() + PATIENCE
         while not self.ended() and time.monotonic() < end:
             time.sleep(0.005)
+        return self.ended()
 
     def close(self):
         """Ends it if it runs, and gives back what it used."""

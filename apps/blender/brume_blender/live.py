@@ -151,7 +151,7 @@ class Live:
         return self._number
 
     def news(self):
-        """Whether anything came since the last call."""
+        """Whether a picture or a problem came since the last call."""
         with self._lock:
             news, self._news = self._news, False
             return news
@@ -210,23 +210,23 @@ class Live:
                 while True:
                     self._hear(web.receive())
         except (OSError, Gone, ValueError, KeyError) as reason:
-            gone = str(reason)
+            gone = f"the program's answers ended: {reason}"
         else:
-            gone = ""
-        self._child.interrupt()
+            gone = None
+        by_itself = self._child.ends_soon()
+        if not by_itself:
+            self._child.interrupt()
         status, _ = self._child.finish()
         with self._lock:
-            self._news = True
-            self._why_it_ended = self._child.problem(status) if status > 0 or not gone else f"the program has ended: {gone}"
+            self._why_it_ended, self._news = self._child.problem(status) if by_itself else gone, True
 
     def _hear(self, message):
         picture = Picture.of(message) if isinstance(message, bytes) else None
         told = json.loads(message) if picture is None else None
         with self._lock:
-            self._news = True
             if picture is not None:
-                self._pictures[picture.about["layer"]] = picture
+                self._pictures[picture.about["layer"]], self._news = picture, True
             elif told["type"] == "progress":
                 self._progress = told
             elif told["type"] == "problem" and told["id"] in (0, self._number):
-                self._problem = told["text"]
+                self._problem, self._news = told["text"], True

@@ -43,9 +43,9 @@ def place_of(context, scene):
     return x0, y0, max(round(right * width), x0 + 1), max(round(top * height), y0 + 1)
 
 
-def camera_of(context, scene, depsgraph, place, reach):
+def camera_of(context, scene, depsgraph, place, extent):
     """([camera] as a Table, how far from the origin it is).
-    @param place  of the picture, in pixels   @param reach  from the origin to what lies farthest from it"""
+    @param place  of the picture, in pixels   @param extent  from the origin to what lies farthest from it"""
     region, pixels = context.region_data, (context.region.width, context.region.height)
     border = [edge / pixels[i % 2] for i, edge in enumerate(place)]
     projection, matrix = region.window_matrix, region.view_matrix.inverted()
@@ -65,7 +65,7 @@ def camera_of(context, scene, depsgraph, place, reach):
     else:
         table.set(type="orthographic", width=2 * across / projection[0][0])
         if not looks_through_camera(context, scene):
-            position += (position.length + reach) * back  # the viewport sees what lies behind it, too
+            position += (position.length + extent) * back  # the viewport sees what lies behind it, too
     table.set(position=position, look_at=position - back, up=up, fov_axis="x", shift=shift)
     camera = scene.camera
     if looks_through_camera(context, scene) and camera.type == "CAMERA" and camera.data.dof.use_dof:

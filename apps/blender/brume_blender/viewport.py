@@ -48,7 +48,8 @@ class Viewport:
         self._folder = Folder(self._path, bakes=os.path.join(bpy.app.tempdir, "grids_baked_for_brume"))
         self._live, self._problem, self._remarks = None, None, []
         self._text, self._revision = None, 0
-        self._look, self._number, self._reach, self._frame = None, 0, REACH, None
+        self._look, self._number, self._frame = None, 0, None
+        self._reach, self._extent = REACH, 0.0  # from the origin: to where the view may be, to what lies farthest from it
         self._shown, self._texture, self._place = None, None, None
         self._waiting = False  # for files that are no longer used, until the program has read the scene without them
         self._timer = self._tick
@@ -92,7 +93,7 @@ class Viewport:
         except CannotTranslate as reason:
             self._problem = str(reason)
             return
-        self._problem, self._remarks = None, translation.notes
+        self._problem, self._remarks, self._extent = None, translation.notes, translation.reach
         if translation.text == self._text and not (self._live is not None and self._live.ended()):
             return
         part = os.path.join(self._path, "scene.toml.part")
@@ -130,7 +131,7 @@ class Viewport:
     def _look_of(self, context, depsgraph):
         scene, settings = depsgraph.scene_eval, depsgraph.scene_eval.brume
         self._place = place_of(context, scene)
-        camera, reach = camera_of(context, scene, depsgraph, self._place, self._reach)
+        camera, reach = camera_of(context, scene, depsgraph, self._place, self._extent)
         if reach > self._reach:
             while self._reach < reach:
                 self._reach *= 2

@@ -46,6 +46,7 @@ class Translation:
     files: list = field(default_factory=list)  # paths written into the folder
     shadow_catcher: bool = False  # whether the layers catcher and catcher_unshadowed show something
     volumes: int = 0  # how many there are to render
+    reach: float = 0.0  # from the origin to what lies farthest from it
 
 
 @dataclass
@@ -128,6 +129,7 @@ class _Translator:
             self._folder.files,
             self._surfaces.any_catcher,
             sum(table.header == "[[volumes]]" for table in tables),
+            self._reach,
         )
 
     def _camera_table(self, size):
