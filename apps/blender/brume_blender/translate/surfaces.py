@@ -90,7 +90,7 @@ class Surfaces:
         if surface.bsdf is None or isinstance(surface.bsdf.colour, list):
             return surface.bsdf and surface.bsdf.colour, None
         where = Surface(geometry, chosen, key, place, self._notes, material.name)
-        colour, texture = self._textures.of(surface.bsdf.colour, material.name, where)
+        colour, texture = self._textures.of(surface.bsdf.colour, surface.bsdf.gain, material.name, where)
         if texture is not None and texture.atlas is None and geometry.uv(texture.uv_map) is None:
             self._notes.say(thing.name, "has no UV map for the image on its base colour; it is left out")
             texture = None
@@ -134,7 +134,9 @@ def _set_material(table, surface, colour, picture):
         table.set(albedo_texture=picture)
     if bsdf.material != "diffuse":
         table.set(roughness=min(max(bsdf.roughness, 0), 1))
-    if bsdf.material == "dielectric":
+    if bsdf.material in ("dielectric", "coated"):
         table.set(ior=min(max(bsdf.ior, 1.0001), 4))
-    if bsdf.material != "diffuse" and not bsdf.fresnel:
+    if bsdf.tint is not None:
+        table.set(reflection_tint=bsdf.tint)
+    if bsdf.material in ("conductor", "dielectric") and not bsdf.fresnel:
         table.set(**{"edge_albedo" if bsdf.material == "conductor" else "reflection_tint": colour})
