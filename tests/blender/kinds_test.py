@@ -283,11 +283,17 @@ def colour_attribute(b):
         colour.color = (abs(vertex.co.x) % 1, 0.5, 0.4 if vertex.co.z > 0 else 0.1, 1)
 
 
+def glossy_floor(b):
+    s = Shader("Floor")
+    b.floor(s.surface(s.node("BsdfPrincipled", Base_Color=(0.5, 0.4, 0.3), Roughness=0.3)), 6)
+    fire_volume(b, scattering("S", "density", 15, 0.9))
+
+
 KINDS = (
     cloud_times_noise, height_gradient, world_height, two_grids, steep_ramp, mask, density_everywhere, grid_and_number, wisps,
     holes, colours_by_height, glow_of_textures, temperature_of_noise, curves_and_groups, by_another_object, instances,
     fog_in_a_head, fog_by_height, fog_with_cells, fog_in_a_ring, mesh_to_volume, points_to_volume, displaced, world_volume,
-    animated_world, world_of_noise, floor_of_noise, colour_attribute,
+    animated_world, world_of_noise, floor_of_noise, colour_attribute, glossy_floor,
 )  # fmt: skip
 
 
