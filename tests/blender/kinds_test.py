@@ -17,6 +17,8 @@ from brume_blender.translate import translate  # noqa: E402
 from builder import Builder, Shader, diffuse, scattering  # noqa: E402
 
 WITHIN = 0.01
+# Gloss takes nothing from what lies under it in Cycles before 4.0, however flat it is looked at.
+WITHIN_OF = {"glossy_floor": 0.03}
 
 
 def principled(s, density, **inputs):
@@ -361,12 +363,27 @@ class Kinds(unittest.TestCase):
                     means[engine] = frame.layer("ViewLayer.Combined", "RGB").mean((0, 1), dtype=float)
                 ratio = means["BRUME"] / means["CYCLES"]
                 print(f"KIND {kind.__name__}: {np.round(ratio, 4)} of {np.round(means['CYCLES'], 4)}, {time.process_time() - began:.1f} s")
-                self.assertLess(np.abs(ratio - 1).max(), WITHIN, kind.__name__)
+                self.assertLess(np.abs(ratio - 1).max(), WITHIN_OF.get(kind.__name__, WITHIN), kind.__name__)
 
     def test_what_is_taken_instead_is_said(self):
         for kind, note in SAID:
             with self.subTest(kind.__name__):
                 self.assertIn(note, "\n".join(self._notes(self._built(kind), kind)))
+
+    def test_a_bake_ends_when_it_is_to(self):
+        class Enough(Exception):
+            pass
+
+        b, calls = self._built(wisps), []
+
+        def check():
+            calls.append(time.monotonic())
+            if len(calls) == 20:
+                raise Enough
+
+        with self.assertRaises(Enough):
+            translate(bpy.context.evaluated_depsgraph_get(), b.scene, self._folder, bakes=self._folder, check=check)
+        self.assertEqual([name for name in os.listdir(self._folder) if name.endswith(".vdb")], [])
 
     def test_a_second_render_bakes_nothing(self):
         b = self._built(cloud_times_noise)

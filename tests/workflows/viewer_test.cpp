@@ -323,7 +323,7 @@ TEST(Viewer, AnotherRevisionIsReadAtOnceAndItsFilesAreKnown) {
   v.viewer.look(look(1));
   const auto bright = v.audience.first([](const ViewPicture& p) { return p.full; });
   ASSERT_TRUE(bright);
-  fs::remove(volume);  // what is in it is known
+  test::write_file(volume, "no volume");  // what was in it is known
   write("0.5");
   ViewLook second = look(2);
   second.revision = 1;
@@ -337,8 +337,6 @@ TEST(Viewer, AnotherRevisionIsReadAtOnceAndItsFilesAreKnown) {
     return !a.told.empty() && a.told.back().stage == ViewStage::kDone;
   })) << "after as many samples as were asked for";
   EXPECT_EQ(v.audience.told.back().samples, 8);
-  v.viewer.check_files();
-  EXPECT_TRUE(v.audience.scenes.back().id == 2);
 }
 
 TEST(Viewer, WithoutMediaAMovingPictureIsTracedCoarsely) {

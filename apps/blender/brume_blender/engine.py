@@ -155,6 +155,7 @@ class _Frame:
             height=self._window.film_height,
             set_frame=self._engine.frame_set,
             bakes=os.path.join(bpy.app.tempdir, "grids_baked_for_brume"),
+            check=self._engine.check_break,
         )
         for note in translation.notes:
             self._engine.say(note)

@@ -59,8 +59,9 @@ class View:
 
 
 def translate(
-    depsgraph, scene, folder, *, frame=None, width=None, height=None, set_frame=None, scene_folder=None, bakes=None, view=None
-):
+    depsgraph, scene, folder, *, frame=None, width=None, height=None, set_frame=None, scene_folder=None, bakes=None, view=None,
+    check=lambda: None,
+):  # fmt: skip
     """Writes the meshes and pictures of a scene into a folder and returns the scene's text.
 
     @param depsgraph  evaluated, of a render or the viewport, at `frame`
@@ -72,11 +73,12 @@ def translate(
     @param scene_folder  where the scene file is to lie, at which its names of files start; `folder` unless given
     @param bakes  folder in which baked grids are kept for later renders; `folder` unless given
     @param view   View, of a viewport; `folder` is a Folder then, that stays the same from one translation to the next
+    @param check  called now and then; may throw, to end it
     @throws CannotTranslate: there is no camera, or one of which brume has no counterpart; a volume's file is not there
     """
     files = folder if view is not None else Folder(folder, scene_folder, bakes)
     try:
-        return _Translator(depsgraph, scene, files, frame, (width, height), set_frame, view).run()
+        return _Translator(depsgraph, scene, files, frame, (width, height), set_frame, view, check).run()
     except CannotTranslate:
         if view is None:
             files.remove()
@@ -84,7 +86,7 @@ def translate(
 
 
 class _Translator:
-    def __init__(self, depsgraph, scene, folder, frame, size, set_frame, view):
+    def __init__(self, depsgraph, scene, folder, frame, size, set_frame, view, check):
         self._depsgraph, self._original, self._folder = depsgraph, scene, folder
         self._frame = scene.frame_current if frame is None else frame
         stretch = scene.render.frame_map_old / scene.render.frame_map_new
@@ -92,7 +94,7 @@ class _Translator:
         own = film_size(self._scene)
         self._width, self._height = size[0] or own[0], size[1] or own[1]
         self._notes = Notes()
-        self._set_frame, self._view = set_frame, view
+        self._set_frame, self._view, self._check = set_frame, view, check
         self._shown = "show_render" if depsgraph.mode == "RENDER" else "show_viewport"  # switch of modifiers
         self._reach = 0.0  # from the origin to what lies farthest from it
 
@@ -165,6 +167,7 @@ class _Translator:
     def _objects(self):
         tables = []
         for instance in self._depsgraph.object_instances:
+            self._check()
             thing = instance.object
             if not instance.show_self or not self._is_shown(instance, thing):
                 continue
@@ -241,7 +244,7 @@ class _Translator:
         millions = settings.bake_millions if settings else MILLIONS
         if self._view is not None:
             millions = min(millions, VIEWPORT_MILLIONS)
-        return bake(shader, source, self._folder, 1e6 * millions, self._notes)
+        return bake(shader, source, self._folder, 1e6 * millions, self._notes, self._check)
 
     def _say_visibility(self, thing):
         """Of a volume, or of the fog in a mesh."""
