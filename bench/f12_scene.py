@@ -1,7 +1,10 @@
-# An artist's scene for bench/f12.py and docs/blender.md: a plume of smoke over a floor, a ball of metal and one of glass, a
-# sky that is a picture, two lamps. Writes SCENE.blend, and the sky beside it:
+# Artists' scenes for bench/f12.py and docs/blender.md. Writes SCENE.blend, and what it needs beside it:
 #
-#   blender -b --factory-startup --python bench/f12_scene.py -- SCENE.blend
+#   blender -b --factory-startup --python bench/f12_scene.py -- SCENE.blend [plume]
+#
+# plume: smoke over a floor, a ball of metal and one of glass, a sky that is a picture, two lamps. explosion: fire by a ramp and
+# as a black body over a floor that it lights. sunbeams: a dusty room with two windows. glass: smoke in a ball of glass. puffs:
+# twenty instances with uneven scale under a sun, on a floor with gloss.
 import math
 import os
 import sys
@@ -9,9 +12,11 @@ import sys
 import bpy
 import numpy as np
 
-path = os.path.abspath(sys.argv[sys.argv.index("--") + 1])
+arguments = sys.argv[sys.argv.index("--") + 1 :]
+path = os.path.abspath(arguments[0])
 folder = os.path.dirname(path)
-SMOKE = os.path.join(os.path.dirname(os.path.abspath(__file__)), "..", "data", "volumes", "smoke.vdb")
+VOLUMES = os.path.join(os.path.dirname(os.path.abspath(__file__)), "..", "data", "volumes")
+SMOKE = os.path.join(VOLUMES, "smoke.vdb")
 SMOKE_GRID = "density_noise"  # over [0.1, 2] x [0, 2] x [0, 3]
 
 
@@ -71,20 +76,119 @@ def world():
     bpy.context.scene.world = made
 
 
+def volume(file, made, name, location, scale=(1, 1, 1)):
+    data = bpy.data.volumes.new(name)
+    data.filepath = os.path.normpath(os.path.join(VOLUMES, file))
+    data.render.space = "WORLD"  # the density does not change with the scale
+    data.materials.append(made)
+    thing = link(name, data, location)
+    thing.scale = scale
+    return thing
+
+
+def smoke(density, **inputs):
+    made = material("Smoke", "ShaderNodeVolumePrincipled", "Volume", Density=density, **inputs)
+    made.node_tree.nodes["Principled Volume"].inputs["Density Attribute"].default_value = SMOKE_GRID
+    return made
+
+
+def lamp(kind, name, location, target, energy, **settings):
+    data = bpy.data.lights.new(name, kind)
+    data.energy = energy
+    for key, value in settings.items():
+        setattr(data, key, value)
+    aim(link(name, data, location), target)
+
+
+def floor(made, size=2000):
+    bpy.ops.mesh.primitive_plane_add(size=size, location=(0, 0, 0))
+    bpy.context.object.data.materials.append(made)
+
+
+def sky(colour):
+    made = bpy.data.worlds.new("Sky")
+    made.use_nodes = True
+    made.node_tree.nodes["Background"].inputs["Color"].default_value = (*colour, 1)
+    bpy.context.scene.world = made
+
+
 def plume():
-    volume = bpy.data.volumes.new("Plume")
-    volume.filepath = os.path.normpath(SMOKE)
-    volume.render.space = "WORLD"  # the density does not change with the scale
-    smoke = material("Smoke", "ShaderNodeVolumePrincipled", "Volume", Density=22.0, Color=(0.72, 0.72, 0.74, 1), Anisotropy=0.3)
-    smoke.node_tree.nodes["Principled Volume"].inputs["Density Attribute"].default_value = SMOKE_GRID
-    volume.materials.append(smoke)
-    thing = link("Plume", volume, (-1.35, -0.9, -0.02))
-    thing.scale = (1.25, 1.25, 1.25)
+    world()
+    made = smoke(22.0, Color=(0.72, 0.72, 0.74, 1), Anisotropy=0.3)
+    volume("smoke.vdb", made, "Plume", (-1.35, -0.9, -0.02), (1.25, 1.25, 1.25))
+    solids()
+    lamps()
+    camera((0.0, -8.2, 1.7), (0, 0, 1.6))
+
+
+def explosion():
+    sky((0.01, 0.012, 0.02))
+    floor(material("Floor", "ShaderNodeBsdfDiffuse", Color=(0.4, 0.36, 0.33, 1)))
+    made = bpy.data.materials.new("Fire")
+    made.use_nodes = True
+    tree = made.node_tree
+    tree.nodes.clear()
+    node = tree.nodes.new("ShaderNodeVolumePrincipled")
+    for key, value in (("Density", 8.0), ("Color", (0.5, 0.45, 0.4, 1)), ("Blackbody Intensity", 0.02), ("Temperature", 1600.0)):
+        node.inputs[key].default_value = value
+    flame, ramp = tree.nodes.new("ShaderNodeAttribute"), tree.nodes.new("ShaderNodeValToRGB")
+    flame.attribute_name = "flame"
+    ramp.color_ramp.elements[0].color, ramp.color_ramp.elements[1].color = (0, 0, 0, 1), (1, 0.45, 0.1, 1)
+    ramp.color_ramp.elements[0].position = 0.15
+    tree.links.new(flame.outputs["Fac"], ramp.inputs["Fac"])
+    tree.links.new(ramp.outputs["Color"], node.inputs["Emission Color"])
+    node.inputs["Emission Strength"].default_value = 12.0
+    tree.links.new(node.outputs[0], tree.nodes.new("ShaderNodeOutputMaterial").inputs["Volume"])
+    volume("fire.vdb", made, "Explosion", (-1, -1, 0))
+    camera((0, -6.5, 1.5), (0, 0, 1.0))
+
+
+def box(name, made, lo, hi):
+    bpy.ops.mesh.primitive_cube_add(size=1, location=[(a + b) / 2 for a, b in zip(lo, hi)])
+    thing = bpy.context.object
+    thing.name, thing.scale = name, [b - a for a, b in zip(lo, hi)]
+    thing.data.materials.append(made)
+
+
+def sunbeams():
+    sky((0.2, 0.3, 0.5))
+    wall = material("Wall", "ShaderNodeBsdfDiffuse", Color=(0.6, 0.55, 0.5, 1))
+    for i, (lo, hi) in enumerate((
+        ((-3, -4, -0.1), (3, 3, 0)), ((-3, -4, 3), (3, 3, 3.1)), ((-3, 3, 0), (3, 3.1, 3)), ((-3.1, -4, 0), (-3, 3, 3)),
+        # The wall with the windows.
+        ((3, -4, 0), (3.1, 3, 1)), ((3, -4, 2.2), (3.1, 3, 3)), ((3, -4, 1), (3.1, -0.8, 2.2)), ((3, 0, 1), (3.1, 1, 2.2)), ((3, 1.8, 1), (3.1, 3, 2.2)),
+    )):  # fmt: skip
+        box(f"Wall {i}", wall, lo, hi)
+    box("Dust", material("Dust", "ShaderNodeVolumeScatter", "Volume", Density=0.06, Anisotropy=0.4), (-2.99, -3.99, 0.01), (2.99, 2.99, 2.99))
+    lamp("SUN", "Sun", (6, -1, 5), (0, 1, 0.5), 12, angle=0.01)
+    camera((-1.6, -3.8, 1.5), (0.6, 1.5, 1.3), 24)
+
+
+def glass():
+    sky((0.5, 0.55, 0.6))
+    floor(material("Floor", "ShaderNodeBsdfDiffuse", Color=(0.5, 0.5, 0.5, 1)))
+    bpy.ops.mesh.primitive_uv_sphere_add(segments=96, ring_count=48, radius=1.3, location=(0, 0, 1.3))
+    bpy.ops.object.shade_smooth()
+    bpy.context.object.data.materials.append(material("Glass", "ShaderNodeBsdfGlass", Color=(1, 1, 1, 1), Roughness=0.0, IOR=1.45))
+    volume("smoke.vdb", smoke(20.0, Color=(0.8, 0.8, 0.8, 1)), "Smoke", (-0.6, -0.55, 0.55), (0.55, 0.55, 0.5))
+    lamp("AREA", "Key", (3, -3, 5), (0, 0, 1), 600, size=2)
+    camera((0, -8, 2.2), (0, 0, 1.2))
+
+
+def puffs():
+    sky((0.25, 0.35, 0.55))
+    floor(material("Floor", "ShaderNodeBsdfPrincipled", Base_Color=(0.35, 0.3, 0.25, 1), Roughness=0.4))
+    made, random = smoke(8.0, Color=(0.85, 0.85, 0.85, 1)), np.random.default_rng(3)
+    data = volume("smoke.vdb", made, "Puff", (-2, 4, 0)).data
+    for i in range(19):
+        thing = link(f"Puff {i}", data, (*random.uniform((-3.5, -2.5), (2.5, 4.5)), 0))
+        thing.scale, thing.rotation_euler = random.uniform(0.3, 0.8, 3), (0, 0, random.uniform(0, 6.28))
+    lamp("SUN", "Sun", (4, -4, 6), (0, 0, 0), 4, angle=0.05)
+    camera((0, -9, 2.6), (0, 0, 0.9))
 
 
 def solids():
-    bpy.ops.mesh.primitive_plane_add(size=2000, location=(0, 0, 0))
-    bpy.context.object.data.materials.append(material("Floor", "ShaderNodeBsdfDiffuse", Color=(0.26, 0.22, 0.2, 1)))
+    floor(material("Floor", "ShaderNodeBsdfDiffuse", Color=(0.26, 0.22, 0.2, 1)))
     for name, x, made in (
         ("Metal", -1.45, material("Metal", "ShaderNodeBsdfGlossy", Color=(0.9, 0.72, 0.45, 1), Roughness=0.15)),
         ("Glass", 1.35, material("Glass", "ShaderNodeBsdfGlass", Color=(1, 1, 1, 1), Roughness=0.0, IOR=1.45)),
@@ -96,28 +200,20 @@ def solids():
 
 
 def lamps():
-    key = bpy.data.lights.new("Key", "AREA")
-    key.energy, key.size, key.color = 1300, 1.2, (1.0, 0.78, 0.52)
-    aim(link("Key", key, (4.4, -0.6, 3.4)), (0, 0, 1.4))
-    rim = bpy.data.lights.new("Rim", "POINT")
-    rim.energy, rim.shadow_soft_size, rim.color = 1100, 0.4, (0.25, 0.5, 1.0)
-    link("Rim", rim, (-2.9, 1.9, 2.4))
+    lamp("AREA", "Key", (4.4, -0.6, 3.4), (0, 0, 1.4), 1300, size=1.2, color=(1.0, 0.78, 0.52))
+    lamp("POINT", "Rim", (-2.9, 1.9, 2.4), (0, 0, 0), 1100, shadow_soft_size=0.4, color=(0.25, 0.5, 1.0))
 
 
-def camera(scene):
+def camera(location, target, lens=46):
     data = bpy.data.cameras.new("Camera")
-    data.lens, data.clip_end = 46, 5000
-    scene.camera = link("Camera", data, (0.0, -8.2, 1.7))
-    aim(scene.camera, (0, 0, 1.6))
+    data.lens, data.clip_end = lens, 5000
+    scene.camera = link("Camera", data, location)
+    aim(scene.camera, target)
 
 
 bpy.ops.wm.read_factory_settings(use_empty=True)
 scene = bpy.context.scene
 scene.view_settings.look = "High Contrast"
 scene.render.resolution_x, scene.render.resolution_y = 480, 360
-world()
-plume()
-solids()
-lamps()
-camera(scene)
+{"plume": plume, "explosion": explosion, "sunbeams": sunbeams, "glass": glass, "puffs": puffs}[(*arguments, "plume")[1]]()
 bpy.ops.wm.save_as_mainfile(filepath=path, relative_remap=False)

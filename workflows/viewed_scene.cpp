@@ -197,6 +197,17 @@ const Guides& ViewedScene::guides(const Task& task) {
   return *prepared().guides(kGuideSamples, task);
 }
 
+Layers ViewedScene::coarse(const ivec2& size, int samples, const Task& task) {
+  Scene scene = scene_;
+  scene.film.width = size.x;
+  scene.film.height = size.y;
+  LayerRequest picture;
+  picture.names = {};
+  RenderResult result = cache_.prepare(std::move(scene), picture, task).render(samples, scene_.render.seed, task);
+  cache_.prepare(scene_, layers_, task);
+  return std::move(result.layers);
+}
+
 std::string ViewedScene::title() const {
   const std::string& name = prepared().scene().name;
   const auto is_of = [&](int frame) { return file_of_frame(source_.path, frame).stem() == name; };

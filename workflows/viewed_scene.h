@@ -62,6 +62,8 @@ class ViewedScene {
   std::vector<std::filesystem::path> files() const;
   /// Drops what has been read, so that the next show() reads it again.
   void read_again();
+  /// Has the next show() read the scene's text again, and of the files that it names those that are new.
+  void read_text_again() { source_.text.clear(); }
 
   /// Makes prepared() what the assignments say. Where this throws, it stays what it was.
   /// @param frame  of a sequence; nothing: its first
@@ -74,6 +76,8 @@ class ViewedScene {
   PreparedScene& prepared() const { return cache_.last(); }
   /// Guides that are solved and marched fast, for pictures that move.
   const Guides& sketch(const Task& task) { return cache_.sketch(task); }
+  /// The scene's picture alone, path traced at a size.
+  Layers coarse(const ivec2& size, int samples, const Task& task);
   /// Whether guides() gives them at once.
   bool has_guides() const { return prepared().has_guides(kGuideSamples); }
   /// Those of a picture. They are solved on a thread of their own, which goes on where the task is interrupted, until

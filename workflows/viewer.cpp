@@ -26,6 +26,7 @@ using namespace std::chrono_literals;
 constexpr auto kRest = 150ms;            // without a look, after which a moving picture is at rest
 constexpr double kMovingSeconds = 0.06;  // that the march of a moving picture may take
 constexpr double kAtOnce = 0.2;          // s: what takes longer is shown coarse before
+constexpr int kCoarseSamples = 4;        // per pixel of a coarse picture that is path traced
 constexpr double kFewestPixels = 6000;   // of a coarse picture, where they are marched within kAtOnce
 constexpr double kLeastPixels = 1500;    // where not
 constexpr double kFirstPace = 1e5;       // pixels a second of a coarse picture, until one has been measured
@@ -37,11 +38,10 @@ constexpr double kShowEvery = 0.7;       // s between pictures on their way
 constexpr double kShowShare = 0.1;       // of the time, at most for showing them
 constexpr double kTellEvery = 0.1;       // s between words about progress
 constexpr int kFirstRound = 8;           // samples a pixel
-constexpr int kMostSamples = 1 << 20;
 constexpr int kGuideSamples = ViewedScene::kGuideSamples;
 constexpr double kFar = 1e30;  // scene units
 
-const std::string kPicture = "picture";
+const std::string kPicture = "picture", kAlpha = "alpha";
 
 /// Names of the channels that a name of ViewSceneText::layers stands for; several sets are added up. Empty ones: there
 /// is no such layer.
@@ -59,7 +59,12 @@ std::vector<std::vector<std::string>> channels_of(const Layers& frame, const std
     return channels;
   };
   std::vector<std::vector<std::string>> sets;
-  if (!predicted)
+  if (layer == kAlpha) {
+    for (const char* channel :
+         {"guide.opacity.Y", "guide.surface_material.R", "guide.surface_material.G", "guide.surface_material.B"})
+      if (frame.find(channel)) sets.push_back({channel});
+    if (sets.empty() && frame.find("A")) sets = {{"A"}};
+  } else if (!predicted)
     sets = {group(layer == kPicture ? "" : layer)};
   else if (layer == kPicture)
     sets = {group("guide.predicted_direct"), group("guide.predicted_indirect")};
@@ -457,6 +462,11 @@ void Viewer::answer(const ViewLook& look) {
   }
   // A look that is on its way is not given up for the next one: under a moving mouse none would ever be answered.
   const Task whole{host_.threads, {}, nullptr}, until_next{host_.threads, {}, &cancel_};
+  if (const bool revised = std::exchange(revision_, look.revision) != look.revision; revised && !scene_.empty()) {
+    scene_.read_text_again();
+    const std::lock_guard lock(mutex_);
+    if (!files_.empty()) files_[0] = WatchedFile::as_it_is(files_[0].path);
+  }
   const bool reads = scene_.empty() || reloaded;
   if (reads) tell(ViewStage::kReading);
   const bool changed = update_scene(look, reads, reads ? told(ViewStage::kReading, whole) : whole);
@@ -472,6 +482,7 @@ void Viewer::answer(const ViewLook& look) {
       march(look, scene_.sketch(told(ViewStage::kSolvingLight, whole)), size_for(look, kMovingSeconds), whole);
   }
   if (look.moving) {
+    if (!predicts) trace_coarse(look, whole);
     if (!rests()) return;
     tell_scene(look, false);
   }
@@ -505,6 +516,17 @@ void Viewer::march(const ViewLook& look, const Guides& guides, const ivec2& size
   ViewPicture known = about(/*predicted=*/true, 0, {});
   known.full = false;
   keep(predicted_, frame, look, known);
+}
+
+void Viewer::trace_coarse(const ViewLook& look, const Task& task) {
+  tell(ViewStage::kSampling);
+  const Stopwatch watch;
+  const ivec2 size = size_for(look, kMovingSeconds);
+  const Layers frame = scene_.coarse(size, kCoarseSamples, task);
+  sketched_ = 1.0 * size.x * size.y / std::max(1e-3, watch.seconds());
+  ViewPicture known = about(/*predicted=*/false, kCoarseSamples, {});
+  known.full = false;
+  show(current(), known, frame);
 }
 
 void Viewer::refine(const ViewLook& look, const Task& task) {
@@ -625,7 +647,7 @@ void Viewer::trace(const ViewLook& look, const Task& task) {
   cleaner.request(wanted, kFirstRound);
   const auto [hash, settings] = scene_.fingerprint();
   RenderJob job;
-  job.spp = kMostSamples;
+  job.spp = look.most_samples;
   job.guide_samples = kGuideSamples;
   job.first_round = kFirstRound;
   job.seed = prepared.scene().render.seed;
@@ -655,7 +677,7 @@ void Viewer::trace(const ViewLook& look, const Task& task) {
   };
   Task sampling = task;
   sampling.progress = [&](double of_all) {
-    taken = std::clamp(of_all * kMostSamples, taken, goal);
+    taken = std::clamp(of_all * job.spp, taken, goal);
     if (since_told_.seconds() >= kTellEvery) progress(ViewStage::kSampling, (taken - begin) / (goal - begin));
   };
   cleaning = [&](double share) {

@@ -27,11 +27,16 @@ struct ViewLook {
   bool moving = false;              ///< more of them follow at once: answered fast, at lower resolution
   std::vector<std::string> layers;  ///< that are shown, by names out of ViewSceneText::layers
   std::optional<int> frame;
-  bool needs_scene = false;  ///< who looks has been told nothing of the scene yet
+  bool needs_scene = false;    ///< who looks has been told nothing of the scene yet
+  int most_samples = 1 << 20;  ///< per pixel
+  /// Of the scene's text: where another one was looked at before, the file is read again, and of those that it names
+  /// the ones that are new.
+  uint64_t revision = 0;
 
   /// Whether the same is to be seen, of whichever layers.
   bool shows_as(const ViewLook& other) const {
-    return assignments == other.assignments && size == other.size && frame == other.frame;
+    return assignments == other.assignments && size == other.size && frame == other.frame &&
+           most_samples == other.most_samples && revision == other.revision;
   }
 };
 
@@ -187,6 +192,8 @@ class Viewer {
   ivec2 size_for(const ViewLook& look, double seconds) const;
   /// Marches the whole picture at a size and shows it.
   void march(const ViewLook& look, const Guides& guides, const ivec2& size, const Task& task);
+  /// Path traces a coarse picture and shows it as it is: of scenes in which nothing is predicted.
+  void trace_coarse(const ViewLook& look, const Task& task);
   /// From the picture that is there to the whole predicted one, in steps.
   void refine(const ViewLook& look, const Task& task);
   void march_whole(const ViewLook& look, const Guides& guides, const Task& task);
@@ -212,6 +219,7 @@ class Viewer {
   double sketched_ = 0, marched_ = 0;  // pixels a second, of the scene that is shown; 0: not measured
   std::vector<ViewSceneText::Layer> guide_layers_, told_layers_;  // once guides have been marched
   Stopwatch asked_, since_told_;
+  uint64_t revision_ = 0;  // that was read
 
   mutable std::mutex mutex_;
   std::condition_variable woken_;

@@ -30,9 +30,9 @@ double number(const json& message, const char* key) {
   return value.get<double>();
 }
 
-uint64_t id_of(const json& message) {
-  const json& value = member(message, "id");
-  if (!value.is_number_unsigned()) throw InputError("\"id\" of a message is no whole number from 0");
+uint64_t whole_number(const json& message, const char* key) {
+  const json& value = member(message, key);
+  if (!value.is_number_unsigned()) throw InputError(fmt::format("\"{}\" of a message is no whole number from 0", key));
   return value.get<uint64_t>();
 }
 
@@ -46,7 +46,7 @@ std::vector<std::string> texts(const json& message, const char* key, size_t most
 
 ViewLook look_of(const json& message) {
   ViewLook look;
-  look.id = id_of(message);
+  look.id = whole_number(message, "id");
   look.assignments = texts(message, "set", kMostAssignments);
   look.layers = texts(message, "layers", kMostLayers);
   const json& size = member(message, "size");
@@ -57,6 +57,9 @@ ViewLook look_of(const json& message) {
     throw InputError(
         fmt::format("a picture of {} x {} is asked for, expected 1 to {}", look.size.x, look.size.y, kLargestSide));
   look.moving = message.value("moving", json(false)) == json(true);
+  if (message.contains("revision")) look.revision = whole_number(message, "revision");
+  if (message.contains("samples"))
+    look.most_samples = static_cast<int>(std::clamp<uint64_t>(whole_number(message, "samples"), 1, look.most_samples));
   if (const auto frame = message.find("frame"); frame != message.end() && !frame->is_null()) {
     if (!frame->is_number_integer()) throw InputError("\"frame\" of a message is no whole number");
     look.frame = frame->get<int>();
@@ -118,7 +121,7 @@ std::variant<ViewLook, ViewProbe> parse_message(std::string_view text) {
     const dvec2 at(number(message, "x"), number(message, "y"));
     if (glm::any(glm::lessThan(at, dvec2(0))) || glm::any(glm::greaterThan(at, dvec2(1))))
       throw InputError("a probe lies outside of the picture");
-    return ViewProbe{id_of(message), at};
+    return ViewProbe{whole_number(message, "id"), at};
   }
   throw InputError("the type of a message is neither \"look\" nor \"probe\"");
 }

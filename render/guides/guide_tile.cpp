@@ -117,7 +117,6 @@ void GuideTile::add_media(const MarchedRay& marched, GuideSums& sums) const {
   sums.gradient += dvec3(marched.gradient);
 }
 
-// Lit by every light's irradiance through the medium, and by the sky; metals and glass show what they mirror.
 void GuideTile::add_surface(const CameraRay& ray, const MarchedRay& marched, GuideSums& sums) {
   const ShadedPoint at(*march_.context_.surfaces, marched.ray, *ray.hit);
   const double transmittance = marched.transmittance,
@@ -127,6 +126,12 @@ void GuideTile::add_surface(const CameraRay& ray, const MarchedRay& marched, Gui
   sums.surface_depth += transmittance * (ray.hit->t - march_.reference_depth_);
   sums.material[static_cast<int>(at.bsdf.kind)] += static_cast<float>(transmittance);
   sums.background += scaled(march_.context_.surfaces->emitted(ray.hit->surface, !at.inside), transmittance);
+  add_reflected(ray, at, transmittance, peaks, sums);
+  if (at.gloss) add_reflected(ray, at.with(*at.gloss), transmittance, peaks, sums);
+}
+
+void GuideTile::add_reflected(const CameraRay& ray, const ShadedPoint& at, double transmittance, double peaks,
+                              GuideSums& sums) {
   const Traced& pixel = traced_[ray.pixel];
   const LitPixels::Light* const lit =
       at.diffuse() ? &lit_.at(pixel.at, ray.number, pixel.across, *ray.hit, at) : nullptr;

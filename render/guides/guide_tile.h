@@ -44,6 +44,8 @@ class GuideTile {
   void end(const CameraRay& ray, const MarchedRay& marched);
   void add_media(const MarchedRay& marched, GuideSums& sums) const;
   void add_surface(const CameraRay& ray, const MarchedRay& marched, GuideSums& sums);
+  /// Lit by every light through the media, and by the sky; metals, glass and coats show what they mirror.
+  void add_reflected(const CameraRay& ray, const ShadedPoint& at, double transmittance, double peaks, GuideSums& sums);
 
   const GuideMarch& march_;
   LitPixels lit_;

@@ -17,6 +17,8 @@ constexpr double kDark = 50;         // optical depth behind which nothing is li
 constexpr int kHighlightAcross = 4;  // points of a light, and as many directions of a lobe
 constexpr double kGoldenRatio = 0.6180339887498949;
 
+constexpr double kSharpGloss = 0.4;  // roughness of coats below which they are seen to mirror
+
 // The reflected light of a lamp or sun by points of it and by directions of the lobe, each weighted by the balance
 // heuristic, as the tracer does it.
 dvec3 highlight(const ShadedPoint& at, const KnownLight& known) {
@@ -63,6 +65,9 @@ ShadedPoint::ShadedPoint(const Surfaces& surfaces, const Ray& ray, const Surface
   const dvec3 outside = inside ? -hit.normal : hit.normal, smooth = inside ? -hit.shading : hit.shading;
   normal = glm::dot(wo, smooth) > 1e-4 ? smooth : outside;
   frame = Frame(normal);
+  if (bsdf.kind != Bsdf::Kind::kCoated) return;
+  if (bsdf.roughness < kSharpGloss) gloss = bsdf.gloss();
+  bsdf = gloss ? bsdf.base_seen(glm::dot(wo, normal)) : bsdf.evened();
 }
 
 // What surfaces leave of a light at a point: its middle if it is small, else the mean over it, closer where parts

@@ -1,5 +1,6 @@
 #pragma once
 #include <memory>
+#include <optional>
 #include <vector>
 
 #include "render/guides/ambient_light.h"
@@ -20,6 +21,14 @@ struct ShadedPoint {
   Bsdf bsdf;
   Frame frame;
   dvec3 to_frame(const dvec3& d) const { return {glm::dot(d, frame.x), glm::dot(d, frame.y), glm::dot(d, frame.z)}; }
+  /// Of a coated surface, whose bsdf is that of its base: what its coat mirrors.
+  std::optional<Bsdf> gloss;
+  /// Another way of scattering at the same point.
+  ShadedPoint with(const Bsdf& other) const {
+    ShadedPoint point = *this;
+    point.bsdf = other;
+    return point;
+  }
   bool diffuse() const { return bsdf.kind == Bsdf::Kind::kDiffuse; }
 };
 

@@ -164,7 +164,8 @@ void SurfaceLight::look(Observers& observers, const Surfaces& surfaces, const Am
         if (!hit) break;
         const bool straight = mirrored.metals.empty();
         if (straight) before += hit->t;
-        const Bsdf bsdf = surfaces.bsdf(*hit);
+        Bsdf bsdf = surfaces.bsdf(*hit);
+        if (bsdf.kind == Bsdf::Kind::kCoated) bsdf = bsdf.evened();
         const dvec3 there = ray.at(hit->t);
         if (bsdf.kind == Bsdf::Kind::kDielectric) {
           ray.o = Surfaces::leave(*hit, there, ray.d);

@@ -171,8 +171,11 @@ void SurfacePoints::settle(const Surfaces& surfaces, const Task& task) {
     // The first one is only the middle, where there are others.
     const size_t first = point.samples.size() > 1 ? 1 : 0;
     point.samples.erase(point.samples.begin(), point.samples.begin() + static_cast<std::ptrdiff_t>(first));
-    for (const auto& sample : point.samples)
-      point.albedo += surfaces.bsdf(sample.second).albedo / static_cast<double>(point.samples.size());
+    for (const auto& sample : point.samples) {
+      Bsdf bsdf = surfaces.bsdf(sample.second);
+      if (bsdf.kind == Bsdf::Kind::kCoated) bsdf = bsdf.evened();
+      point.albedo += bsdf.albedo / static_cast<double>(point.samples.size());
+    }
   });
   std::erase_if(points_, [](const Point& point) { return point.samples.empty(); });
 }

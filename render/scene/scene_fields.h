@@ -272,20 +272,23 @@ template <class Visitor>
 void describe(Visitor& v, SurfaceSettings& s) {
   v({.key = "file", .help = "mesh of polygons of any shape, OBJ or PLY", .required = true}, s.file);
   v({.key = "material",
-     .help = "diffuse; conductor: a metal; dielectric: glass or water, its faces closed around the inside",
-     .choices = {"diffuse", "conductor", "dielectric"}},
+     .help =
+         "diffuse; coated: diffuse under a layer of varnish, as plastics, floors and walls; conductor: a metal; dielectric: glass or water, its faces closed around the inside",
+     .choices = {"diffuse", "conductor", "dielectric", "coated"}},
     s.material);
   v({"albedo", "1",
-     "diffuse: reflectance; conductor: reflectance seen head on; dielectric: tint of what passes, 1 unless given", 0,
-     1},
+     "diffuse: reflectance; coated: of what lies under the coat; conductor: reflectance seen head on; dielectric: tint of what passes, 1 unless given",
+     0, 1},
     s.albedo);
   v({"albedo_texture", "", "picture that multiplies albedo, up to 1: PNG, JPEG (sRGB), HDR or EXR (linear)"},
     s.albedo_texture);
   v({"edge_albedo", "1", "conductor: reflectance seen at grazing angles", 0, 1}, s.edge_albedo);
-  v({"reflection_tint", "1", "dielectric: tint of what its faces reflect", 0, 1}, s.reflection_tint);
-  v({"roughness", "1", "conductor, dielectric: square root of the GGX width; 0 is perfectly smooth", 0, 1},
+  v({"reflection_tint", "1", "dielectric, coated: tint of what its faces reflect", 0, 1}, s.reflection_tint);
+  v({"roughness", "1",
+     "conductor, dielectric, coated: square root of the GGX width; 0 is perfectly smooth; of a coat at least 0.03", 0,
+     1},
     s.roughness);
-  v({"ior", "1", "dielectric: index of refraction inside over outside", 1.0001, 4}, s.ior);
+  v({"ior", "1", "dielectric, coated: index of refraction inside over outside", 1.0001, 4}, s.ior);
   v({.key = "normals",
      .help = "smooth: shading between the vertices' normals where the file has them; flat: by the triangles",
      .choices = {"smooth", "flat"}},

@@ -170,9 +170,10 @@ void check_surface(Parser& parser, SurfaceSettings& s, const toml::value& table)
   if (s.shadow == "straight" && (s.material != "dielectric" || s.roughness > 0))
     fail_at("'shadow' is straight", table.at("shadow"),
             "expected so only for material = \"dielectric\", roughness = 0");
-  for (const auto& [key, material] :
-       {std::pair("edge_albedo", "conductor"), std::pair("reflection_tint", "dielectric")})
-    if (s.material != material && parser.has(key))
+  const bool fresnel = s.material == "dielectric" || s.material == "coated";
+  for (const auto& [key, means] :
+       {std::pair("edge_albedo", s.material == "conductor"), std::pair("reflection_tint", fresnel)})
+    if (!means && parser.has(key))
       fail_at(fmt::format("'{}' has no meaning for a {} surface", key, s.material), table.at(key), "remove it");
   check_group(parser, s.group, s.radiance != dvec3(0), table);
   if (s.two_sided && s.radiance == dvec3(0))

@@ -6,7 +6,8 @@
 #include "base/math.h"
 
 // Microfacets after Walter, Marschner, Li, Torrance 2007 (GGX, reflection and refraction), visible normals sampled
-// after Heitz 2018, Fresnel of conductors after Schlick 1994.
+// after Heitz 2018, Fresnel of conductors after Schlick 1994. What a coat lets through to its base and out again after
+// Kelemen and Szirmay-Kalos 2001: (1 - E(o)) (1 - E(i)) / (1 - mean E), which is reciprocal and loses nothing.
 
 namespace brume {
 namespace {
@@ -70,10 +71,69 @@ double fresnel_dielectric(double cos_i, double eta) {
   return 0.5 * (parallel * parallel + perpendicular * perpendicular);
 }
 
+CoatAlbedo::CoatAlbedo(double alpha, double ior) {
+  constexpr int kSide = 32;
+  const auto cosine = [](size_t i) { return std::max(1e-4, static_cast<double>(i * i) / (64 * 64)); };
+  for (size_t i = 0; i < values_.size(); ++i) {
+    const double c = cosine(i);
+    const dvec3 wo(std::sqrt(1 - c * c), 0, c);
+    double sum = 0;
+    for (int k = 0; k < kSide * kSide; ++k) {
+      const dvec3 m = sample_visible_normal(wo, alpha, (k % kSide + 0.5) / kSide, (k / kSide + 0.5) / kSide);
+      const double co = glm::dot(wo, m);
+      const dvec3 wi = 2.0 * co * m - wo;
+      if (!(co > 0) || !(wi.z > 0)) continue;
+      sum += fresnel_dielectric(co, ior) * (1.0 + lambda(wo, alpha)) / (1.0 + lambda(wo, alpha) + lambda(wi, alpha));
+    }
+    values_[i] = sum / (kSide * kSide);
+  }
+  // 2 E(c) c dc of the straight lines between.
+  for (size_t i = 0; i + 1 < values_.size(); ++i) {
+    const double a = static_cast<double>(i * i) / (64 * 64), b = static_cast<double>((i + 1) * (i + 1)) / (64 * 64);
+    mean_ += (b - a) / 3 * (values_[i] * (2 * a + b) + values_[i + 1] * (a + 2 * b));
+  }
+}
+
+double CoatAlbedo::at(double cos_theta) const {
+  const double c = std::clamp(cos_theta, 0.0, 1.0);
+  const size_t i = std::min<size_t>(static_cast<size_t>(64 * std::sqrt(c)), 63);
+  const double a = static_cast<double>(i * i) / (64 * 64), b = static_cast<double>((i + 1) * (i + 1)) / (64 * 64);
+  return values_[i] + (values_[i + 1] - values_[i]) * ((c - a) / (b - a));
+}
+
+/// What passes the coat twice, by way of a base that reflects all.
+double Bsdf::base_share(double cos_o, double cos_i) const {
+  return (1 - coat->at(cos_o)) * (1 - coat->at(cos_i)) / (1 - coat->mean());
+}
+
+/// Of sampling the coat.
+double Bsdf::coat_chance(double cos_o) const {
+  const double E = coat->at(cos_o), reflected = max_component(edge) * E, base = max_component(albedo) * (1 - E);
+  return std::clamp(reflected / std::max(reflected + base, 1e-12), 0.1, 0.9);
+}
+
+Bsdf Bsdf::base_seen(double cos_o) const {
+  return {Kind::kDiffuse, albedo * (1 - coat->at(cos_o))};
+}
+
+Bsdf Bsdf::gloss() const {
+  return {Kind::kConductor, edge * fresnel_dielectric(1, ior), std::sqrt(alpha()), ior, edge};
+}
+
+Bsdf Bsdf::evened() const {
+  return {Kind::kDiffuse, albedo * (1 - coat->mean()) + edge * coat->mean()};
+}
+
 dvec3 Bsdf::value(const dvec3& wo, const dvec3& wi, bool inside) const {
   const double a = alpha();
   if (kind == Kind::kDiffuse) return wi.z > 0 ? albedo * (wi.z / kPi) : dvec3(0);
   if (a == 0 || wo.z <= 0) return dvec3(0);
+  if (kind == Kind::kCoated) {
+    if (!(wi.z > 0)) return dvec3(0);
+    const dvec3 m = glm::normalize(wo + wi);
+    const double shape = ggx_d(m, a) / ((1.0 + lambda(wo, a) + lambda(wi, a)) * 4.0 * wo.z);
+    return edge * (fresnel_dielectric(glm::dot(wo, m), ior) * shape) + albedo * (base_share(wo.z, wi.z) * wi.z / kPi);
+  }
   if (wi.z > 0) {
     const dvec3 sum = wo + wi;
     if (!(glm::length(sum) > 0)) return dvec3(0);
@@ -101,6 +161,12 @@ double Bsdf::pdf(const dvec3& wo, const dvec3& wi, bool inside) const {
   const double a = alpha();
   if (kind == Kind::kDiffuse) return std::max(0.0, wi.z) / kPi;
   if (a == 0 || wo.z <= 0) return 0;
+  if (kind == Kind::kCoated) {
+    if (!(wi.z > 0)) return 0;
+    const dvec3 m = glm::normalize(wo + wi);
+    const double chance = coat_chance(wo.z);
+    return chance * visible_d(wo, m, a) / (4.0 * glm::dot(wo, m)) + (1 - chance) * wi.z / kPi;
+  }
   if (wi.z > 0) {
     const dvec3 sum = wo + wi;
     if (!(glm::length(sum) > 0)) return 0;
@@ -119,22 +185,33 @@ double Bsdf::pdf(const dvec3& wo, const dvec3& wi, bool inside) const {
   return (1.0 - fresnel_dielectric(co, eta)) * visible_d(wo, m, a) * eta * eta * std::abs(ci) / square(co + eta * ci);
 }
 
+/// Both parts of a coated surface, in a direction of either. @return whether it carries anything
+bool Bsdf::weigh(const dvec3& wo, Sample& out) const {
+  out.pdf = pdf(wo, out.wi, false);
+  out.weight = value(wo, out.wi, false) / out.pdf;
+  return out.pdf > 0;
+}
+
 bool Bsdf::sample(const dvec3& wo, bool inside, const dvec3& u, Sample& out) const {
   out = {};
   if (!(wo.z > 0)) return false;
-  if (kind == Kind::kDiffuse) {
+  const double a = alpha();
+  if (kind == Kind::kDiffuse || (kind == Kind::kCoated && u.z >= coat_chance(wo.z))) {
     const double r = std::sqrt(u.x);
     const SinCos phi = portable_sincos_2pi(u.y);
     out.wi = {r * phi.cos, r * phi.sin, std::sqrt(std::max(0.0, 1.0 - u.x))};
     out.pdf = out.wi.z / kPi;
     out.weight = albedo;
-    return out.wi.z > 0;
+    return out.wi.z > 0 && (kind == Kind::kDiffuse || weigh(wo, out));
   }
-  const double a = alpha();
   const dvec3 m = a == 0 ? dvec3(0, 0, 1) : sample_visible_normal(wo, a, u.x, u.y);
   const double c = glm::dot(wo, m);
   if (!(c > 0)) return false;
   const dvec3 reflected = 2.0 * c * m - wo;
+  if (kind == Kind::kCoated) {
+    out.wi = reflected;
+    return out.wi.z > 0 && weigh(wo, out);
+  }
   if (kind == Kind::kConductor) {
     out.wi = reflected;
     if (!(out.wi.z > 0)) return false;

@@ -173,8 +173,14 @@ void Surfaces::add_mesh(const SurfaceSettings& s, const dvec3& world_shift, bool
   any_straight_ = any_straight_ || s.shadow == "straight";
   bsdfs_.push_back({s.material == "conductor"    ? Bsdf::Kind::kConductor
                     : s.material == "dielectric" ? Bsdf::Kind::kDielectric
+                    : s.material == "coated"     ? Bsdf::Kind::kCoated
                                                  : Bsdf::Kind::kDiffuse,
-                    s.albedo, s.roughness, s.ior, s.material == "dielectric" ? s.reflection_tint : s.edge_albedo});
+                    s.albedo, s.roughness, s.ior, s.material == "conductor" ? s.edge_albedo : s.reflection_tint});
+  if (Bsdf& bsdf = bsdfs_.back(); bsdf.kind == Bsdf::Kind::kCoated) {
+    const auto [known, fresh] = coats_.try_emplace({bsdf.alpha(), bsdf.ior}, nullptr);
+    if (fresh) known->second = std::make_unique<CoatAlbedo>(bsdf.alpha(), bsdf.ior);
+    bsdf.coat = known->second.get();
+  }
   const dmat4 opens = translation(-world_shift) * s.object_to_world;
   const std::string name = s.file.empty() ? fmt::format("surfaces.{}", meshes_.size()) : s.file.string();
   meshes_.push_back(s.mesh ? place_mesh(*s.mesh, name, opens) : load_mesh(s.file, opens));

@@ -1,7 +1,9 @@
 #pragma once
 #include <algorithm>
+#include <map>
 #include <memory>
 #include <optional>
+#include <utility>
 #include <vector>
 
 #include "render/scene/scene.h"
@@ -78,7 +80,8 @@ class Surfaces {
   void add_mesh(const SurfaceSettings& settings, const dvec3& world_shift, bool blurred);
 
   std::vector<SurfaceSettings> settings_;
-  std::vector<Bsdf> bsdfs_;  // without textures
+  std::vector<Bsdf> bsdfs_;                                                 // without textures
+  std::map<std::pair<double, double>, std::unique_ptr<CoatAlbedo>> coats_;  // by alpha and ior
   std::vector<TriangleMesh> meshes_;
   std::vector<std::unique_ptr<Texture>> textures_;
   std::unique_ptr<Embree> embree_;

@@ -17,6 +17,8 @@ from brume_blender.translate import translate  # noqa: E402
 from builder import Builder, Shader, diffuse, scattering  # noqa: E402
 
 WITHIN = 0.01
+# Gloss takes nothing from what lies under it in Cycles before 4.0, however flat it is looked at.
+WITHIN_OF = {"glossy_floor": 0.03}
 
 
 def principled(s, density, **inputs):
@@ -283,11 +285,17 @@ def colour_attribute(b):
         colour.color = (abs(vertex.co.x) % 1, 0.5, 0.4 if vertex.co.z > 0 else 0.1, 1)
 
 
+def glossy_floor(b):
+    s = Shader("Floor")
+    b.floor(s.surface(s.node("BsdfPrincipled", Base_Color=(0.5, 0.4, 0.3), Roughness=0.3)), 6)
+    fire_volume(b, scattering("S", "density", 15, 0.9))
+
+
 KINDS = (
     cloud_times_noise, height_gradient, world_height, two_grids, steep_ramp, mask, density_everywhere, grid_and_number, wisps,
     holes, colours_by_height, glow_of_textures, temperature_of_noise, curves_and_groups, by_another_object, instances,
     fog_in_a_head, fog_by_height, fog_with_cells, fog_in_a_ring, mesh_to_volume, points_to_volume, displaced, world_volume,
-    animated_world, world_of_noise, floor_of_noise, colour_attribute,
+    animated_world, world_of_noise, floor_of_noise, colour_attribute, glossy_floor,
 )  # fmt: skip
 
 
@@ -355,12 +363,27 @@ class Kinds(unittest.TestCase):
                     means[engine] = frame.layer("ViewLayer.Combined", "RGB").mean((0, 1), dtype=float)
                 ratio = means["BRUME"] / means["CYCLES"]
                 print(f"KIND {kind.__name__}: {np.round(ratio, 4)} of {np.round(means['CYCLES'], 4)}, {time.process_time() - began:.1f} s")
-                self.assertLess(np.abs(ratio - 1).max(), WITHIN, kind.__name__)
+                self.assertLess(np.abs(ratio - 1).max(), WITHIN_OF.get(kind.__name__, WITHIN), kind.__name__)
 
     def test_what_is_taken_instead_is_said(self):
         for kind, note in SAID:
             with self.subTest(kind.__name__):
                 self.assertIn(note, "\n".join(self._notes(self._built(kind), kind)))
+
+    def test_a_bake_ends_when_it_is_to(self):
+        class Enough(Exception):
+            pass
+
+        b, calls = self._built(wisps), []
+
+        def check():
+            calls.append(time.monotonic())
+            if len(calls) == 20:
+                raise Enough
+
+        with self.assertRaises(Enough):
+            translate(bpy.context.evaluated_depsgraph_get(), b.scene, self._folder, bakes=self._folder, check=check)
+        self.assertEqual([name for name in os.listdir(self._folder) if name.endswith(".vdb")], [])
 
     def test_a_second_render_bakes_nothing(self):
         b = self._built(cloud_times_noise)

@@ -242,7 +242,13 @@ class Writer {
       return;
     }
     mesh("ball");
-    switch (below(4)) {
+    switch (below(5)) {
+      case 3:
+        is("coated ball");
+        name("material", "coated");
+        line("albedo", tint(0.1, 0.8));
+        line("roughness", between(0.1, 0.7));
+        break;
       case 0:
         is("diffuse ball");
         line("albedo", tint(0.1, 0.8));

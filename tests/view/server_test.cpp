@@ -245,7 +245,8 @@ TEST(ViewServer, WrongMessagesAreAnsweredAndTheRightOneAfterThem) {
   for (const char* wrong : {"", "x", "[]", "{}", "{\"type\":\"look\"}", "{\"type\":7}", "{\"type\":\"look\",\"id\":-1}",
                             "{\"type\":\"probe\",\"id\":1,\"x\":2,\"y\":0}",
                             "{\"type\":\"look\",\"id\":1,\"set\":[1],\"size\":[3,3],\"layers\":[]}",
-                            "{\"type\":\"look\",\"id\":1,\"set\":[],\"size\":[100000,3],\"layers\":[]}"}) {
+                            "{\"type\":\"look\",\"id\":1,\"set\":[],\"size\":[100000,3],\"layers\":[]}",
+                            "{\"type\":\"look\",\"id\":1,\"set\":[],\"size\":[3,3],\"layers\":[],\"samples\":-2}"}) {
     page.send_text(wrong);
     EXPECT_EQ(page.receive()["type"], "problem") << wrong;
   }

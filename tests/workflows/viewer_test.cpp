@@ -307,6 +307,62 @@ TEST(Viewer, AFileThatChangesIsLoadedAgain) {
   ASSERT_TRUE(v.audience.first([&](const ViewPicture& p) { return !p.predicted && mean(p) < 0.8 * mean(*bright); }));
 }
 
+// As a program writes its scene anew and says so, instead of waiting until the file is looked at.
+TEST(Viewer, AnotherRevisionIsReadAtOnceAndItsFilesAreKnown) {
+  const test::TemporaryFolder folder;
+  const fs::path scene = folder / "scene.toml", volume = folder / "cloud.vdb";
+  fs::copy_file(test::source("data/volumes/cloud.vdb"), volume);
+  const auto write = [&](const std::string& albedo) {
+    std::string own = test::read_file(kCloud);
+    own.replace(own.find("../volumes/cloud.vdb"), 20, volume.string());
+    own.replace(own.find("albedo = 0.995"), 14, "albedo = " + albedo);
+    test::write_file(scene, own);
+  };
+  write("0.995");
+  Viewing v(scene);
+  v.viewer.look(look(1));
+  const auto bright = v.audience.first([](const ViewPicture& p) { return p.full; });
+  ASSERT_TRUE(bright);
+  test::write_file(volume, "no volume");  // what was in it is known
+  write("0.5");
+  ViewLook second = look(2);
+  second.revision = 1;
+  second.most_samples = 8;
+  v.viewer.look(second);
+  const auto dark = v.audience.first([](const ViewPicture& p) { return p.id == 2 && p.full; });
+  ASSERT_TRUE(dark && v.audience.problems.empty());
+  EXPECT_LT(mean(*dark), 0.8 * mean(*bright));
+  EXPECT_FALSE(v.audience.scenes.back().reloaded);
+  ASSERT_TRUE(v.audience.wait([](const Audience& a) {
+    return !a.told.empty() && a.told.back().stage == ViewStage::kDone;
+  })) << "after as many samples as were asked for";
+  EXPECT_EQ(v.audience.told.back().samples, 8);
+}
+
+TEST(Viewer, WithoutMediaAMovingPictureIsTracedCoarsely) {
+  const test::TemporaryFolder folder;
+  test::write_file(folder / "floor.obj", "v -9 -9 0\nv 9 -9 0\nv 9 9 0\nv -9 9 0\nf 1 2 3 4\n");
+  const fs::path scene = folder / "scene.toml";
+  test::write_file(scene,
+                   "[camera]\nposition = [0, -6, 3]\nlook_at = [0, 0, 0]\nfov = 40\n"
+                   "[environment]\nradiance = [1, 1, 1]\n[[surfaces]]\nfile = \"floor.obj\"\nalbedo = 0.5\n");
+  Viewing v(scene);
+  ViewLook moving = look(1, {}, {640, 480});
+  moving.moving = true;
+  moving.layers = {"picture", "alpha"};
+  v.viewer.look(moving);
+  const auto first = v.audience.first([](const ViewPicture& p) { return p.layer == "picture"; });
+  ASSERT_TRUE(first);
+  EXPECT_FALSE(first->full || first->predicted);
+  EXPECT_LT(first->width, 640);
+  EXPECT_GT(mean(*first), 0.4);
+  const auto alpha = v.audience.first([](const ViewPicture& p) { return p.layer == "alpha"; });
+  ASSERT_TRUE(alpha);
+  EXPECT_GT(mean(*alpha), 0.5);
+  EXPECT_LT(mean(*alpha), 1);
+  EXPECT_TRUE(v.audience.first([](const ViewPicture& p) { return p.full && p.width == 640; }));
+}
+
 TEST(Viewer, FramesOfASequenceAreThose) {
   const test::TemporaryFolder folder;
   for (const int seed : {1, 2}) {

@@ -40,13 +40,14 @@ class CannotStart(Exception):
 class Child:
     """Runs `program arguments...` with progress as JSON. Its ends of pipes are closed by close(), or the with statement."""
 
-    def __init__(self, program, arguments, folder=None):
-        """@throws CannotStart"""
+    def __init__(self, program, arguments, folder=None, prints=False):
+        """@param prints  whether line() is to be asked for what it prints   @throws CannotStart"""
         words = [str(word) for word in (program, *arguments, "--quiet", "--progress", "json", "--stop-with-stdin")]
         try:
             self._process = subprocess.Popen(
-                words, cwd=folder, stdin=subprocess.PIPE, stdout=subprocess.DEVNULL, stderr=subprocess.PIPE
-            )
+                words, cwd=folder, stdin=subprocess.PIPE, stdout=subprocess.PIPE if prints else subprocess.DEVNULL,
+                stderr=subprocess.PIPE,
+            )  # fmt: skip
         except OSError as error:
             raise CannotStart(f"{program} cannot be started: {error.strerror}") from None
         self._lines = queue.SimpleQueue()
@@ -70,6 +71,10 @@ class Child:
 
     def ended(self):
         return self._process.poll() is not None
+
+    def line(self):
+        """The next line that it prints, waited for; empty: it has ended."""
+        return self._process.stdout.readline().decode("utf-8", "replace").strip()
 
     def events(self, seconds):
         """What it has told since the last call: waits so long for something, and no longer for more."""
@@ -98,15 +103,16 @@ class Child:
     def interrupt(self):
         """Asks it to end as Ctrl-C does, kills it where it does not, and waits for that."""
         self._process.terminate()
-        self._wait(PATIENCE)
-        if not self.ended():
+        if not self.ends_soon():
             self._process.kill()
         self._process.wait()
 
-    def _wait(self, seconds):
-        end = time.monotonic() + seconds
+    def ends_soon(self):
+        """Waits a little for its end. @return whether it came"""
+        end = time.monotonic() + PATIENCE
         while not self.ended() and time.monotonic() < end:
             time.sleep(0.005)
+        return self.ended()
 
     def close(self):
         """Ends it if it runs, and gives back what it used."""
@@ -115,6 +121,8 @@ class Child:
         self._process.stdin.close()
         self._reader.join()
         self._process.stderr.close()
+        if self._process.stdout is not None:
+            self._process.stdout.close()
 
     def finish(self):
         """Waits for its end and reads the rest. @return exit status; below 0: the signal that killed it; and the last events"""

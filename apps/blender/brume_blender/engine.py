@@ -12,6 +12,7 @@ from . import exr, passes, program
 from .child import DONE, MISSED, CannotStart, Child, Progress, Update
 from .properties import lacking_passes, preferred_program, wanted_passes
 from .translate import CannotTranslate, translate
+from .viewport import close_viewport_of, viewport_of
 from .window import window_of
 
 LOOK = 0.05  # seconds between two looks at Esc
@@ -49,7 +50,7 @@ class BrumeRenderEngine(bpy.types.RenderEngine):
     bl_use_shading_nodes_custom = False
     bl_use_eevee_viewport = True
 
-    # Blender calls these two.
+    # Blender calls these.
 
     def update_render_passes(self, scene=None, renderlayer=None):
         for p in wanted_passes(renderlayer)[0]:
@@ -66,6 +67,16 @@ class BrumeRenderEngine(bpy.types.RenderEngine):
         except (Problem, CannotTranslate, CannotStart, program.NoProgram, exr.NotReadable) as problem:
             self.report({"ERROR"}, str(problem))
             self.error_set(str(problem))
+
+    def view_update(self, context, depsgraph):
+        viewport_of(self).update(context, depsgraph)
+
+    def view_draw(self, context, depsgraph):
+        viewport_of(self).draw(context, depsgraph)
+
+    def __del__(self):
+        close_viewport_of(self)
+        getattr(super(), "__del__", lambda: None)()  # Blender 4.4
 
     def say(self, text):
         """Reports what the user should know of the scene or the picture, once."""
@@ -144,6 +155,7 @@ class _Frame:
             height=self._window.film_height,
             set_frame=self._engine.frame_set,
             bakes=os.path.join(bpy.app.tempdir, "grids_baked_for_brume"),
+            check=self._engine.check_break,
         )
         for note in translation.notes:
             self._engine.say(note)

@@ -77,6 +77,7 @@ class BRUME_RENDER_PT_sampling(_BrumePanel, bpy.types.Panel):
             sub = row.row()
             sub.active = getattr(settings, switch)
             sub.prop(settings, value, text="")
+        layout.prop(settings, "viewport_samples")
         row = layout.row(align=True)
         row.prop(settings, "seed")
         row.prop(settings, "use_fixed_seed", toggle=True)

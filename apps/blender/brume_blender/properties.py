@@ -67,6 +67,14 @@ class BrumeSceneSettings(bpy.types.PropertyGroup):
         default=10,
         min=0,
     )
+    viewport_samples: IntProperty(
+        name="Viewport Samples",
+        description="Paths per pixel in the viewport, after which it rests",
+        default=256,
+        min=1,
+        max=1 << 20,
+        soft_max=4096,
+    )
     bake_millions: FloatProperty(
         name="Baked Voxels",
         description="Millions of voxels that what a volume shader's nodes compute is baked into at most, a volume",

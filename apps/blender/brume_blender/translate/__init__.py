@@ -14,7 +14,7 @@ import bpy
 import numpy as np
 from mathutils import Vector
 
-from .baking import MILLIONS, bake
+from .baking import MILLIONS, VIEWPORT_MILLIONS, bake
 from .camera import camera_of, camera_table, say_clipped
 from .files import Folder
 from .film import film_size, film_table, pixel_aspect_of
@@ -31,7 +31,7 @@ from .toml_text import Table, toml_text
 from .volumes import file_of, volume_shader_of, volume_tables
 from .world import world_of, world_tables
 
-__all__ = ["CannotTranslate", "Translation", "translate"]
+__all__ = ["CannotTranslate", "Folder", "Translation", "View", "translate"]
 
 # What is never seen: cameras, helpers.
 UNSEEN = ("CAMERA", "EMPTY", "ARMATURE", "LATTICE", "LIGHT_PROBE", "SPEAKER")
@@ -46,9 +46,22 @@ class Translation:
     files: list = field(default_factory=list)  # paths written into the folder
     shadow_catcher: bool = False  # whether the layers catcher and catcher_unshadowed show something
     volumes: int = 0  # how many there are to render
+    reach: float = 0.0  # from the origin to what lies farthest from it
 
 
-def translate(depsgraph, scene, folder, *, frame=None, width=None, height=None, set_frame=None, scene_folder=None, bakes=None):
+@dataclass
+class View:
+    """A viewport, which says from moment to moment what is looked at: the scene has no camera of its own, and nothing is blurred by
+    motion."""
+
+    space: object  # its SpaceView3D, which decides what is shown
+    reach: float  # from the origin to where it may look from
+
+
+def translate(
+    depsgraph, scene, folder, *, frame=None, width=None, height=None, set_frame=None, scene_folder=None, bakes=None, view=None,
+    check=lambda: None,
+):  # fmt: skip
     """Writes the meshes and pictures of a scene into a folder and returns the scene's text.
 
     @param depsgraph  evaluated, of a render or the viewport, at `frame`
@@ -59,18 +72,21 @@ def translate(depsgraph, scene, folder, *, frame=None, width=None, height=None, 
                       and Scene.frame_set do: for motion blur, which is left out without it
     @param scene_folder  where the scene file is to lie, at which its names of files start; `folder` unless given
     @param bakes  folder in which baked grids are kept for later renders; `folder` unless given
+    @param view   View, of a viewport; `folder` is a Folder then, that stays the same from one translation to the next
+    @param check  called now and then; may throw, to end it
     @throws CannotTranslate: there is no camera, or one of which brume has no counterpart; a volume's file is not there
     """
-    files = Folder(folder, scene_folder, bakes)
+    files = folder if view is not None else Folder(folder, scene_folder, bakes)
     try:
-        return _Translator(depsgraph, scene, files, frame, (width, height), set_frame).run()
+        return _Translator(depsgraph, scene, files, frame, (width, height), set_frame, view, check).run()
     except CannotTranslate:
-        files.remove()
+        if view is None:
+            files.remove()
         raise
 
 
 class _Translator:
-    def __init__(self, depsgraph, scene, folder, frame, size, set_frame):
+    def __init__(self, depsgraph, scene, folder, frame, size, set_frame, view, check):
         self._depsgraph, self._original, self._folder = depsgraph, scene, folder
         self._frame = scene.frame_current if frame is None else frame
         stretch = scene.render.frame_map_old / scene.render.frame_map_new
@@ -78,7 +94,8 @@ class _Translator:
         own = film_size(self._scene)
         self._width, self._height = size[0] or own[0], size[1] or own[1]
         self._notes = Notes()
-        self._set_frame = set_frame
+        self._set_frame, self._view, self._check = set_frame, view, check
+        self._shown = "show_render" if depsgraph.mode == "RENDER" else "show_viewport"  # switch of modifiers
         self._reach = 0.0  # from the origin to what lies farthest from it
 
     @property
@@ -89,14 +106,16 @@ class _Translator:
     def run(self):
         aspect = pixel_aspect_of(self._scene)
         size = (self._width, self._height, aspect)
-        camera_of(self._depsgraph, self._scene)  # none, none at all
-        self._motion = motion_of(self._depsgraph, self._scene, self._frame, self._set_frame, size, self._notes)
+        self._motion = None
+        if self._view is None:
+            camera_of(self._depsgraph, self._scene)  # none, none at all
+            self._motion = motion_of(self._depsgraph, self._scene, self._frame, self._set_frame, size, self._notes)
         self._layer = self._view_layer()
         self._surfaces = Surfaces(self._folder, self._notes, self._layer, self._bake)
-        self._camera = camera_of(self._depsgraph, self._scene)
+        self._camera = camera_of(self._depsgraph, self._scene) if self._view is None else None
         head = [
             Table("[render]").set(frame=max(self._frame, 0)),
-            camera_table(self._depsgraph, self._camera, self._motion, *size, self._notes),
+            self._camera_table(size),
             film_table(self._scene, self._width, self._height, self._notes),
         ]
         tables, far = self._objects(), self._world()
@@ -112,7 +131,13 @@ class _Translator:
             self._folder.files,
             self._surfaces.any_catcher,
             sum(table.header == "[[volumes]]" for table in tables),
+            self._reach,
         )
+
+    def _camera_table(self, size):
+        if self._view is not None:
+            return Table("[camera]").set(position=[0, 0, 0], look_at=[0, 0, -1], fov=40)
+        return camera_table(self._depsgraph, self._camera, self._motion, *size, self._notes)
 
     def _world(self):
         try:
@@ -123,7 +148,7 @@ class _Translator:
 
     def _world_fog(self):
         world = world_of(self._depsgraph, self._scene, self._layer)
-        reach = max(self._reach, self._camera.matrix_world.translation.length)
+        reach = max(self._reach, self._view.reach if self._camera is None else self._camera.matrix_world.translation.length)
         try:
             return world_fog_table(world, self._depsgraph, reach, self._notes)
         except LeftOut as reason:
@@ -142,15 +167,21 @@ class _Translator:
     def _objects(self):
         tables = []
         for instance in self._depsgraph.object_instances:
-            if not instance.show_self or instance.object.hide_render:
-                continue
+            self._check()
             thing = instance.object
+            if not instance.show_self or not self._is_shown(instance, thing):
+                continue
             try:
                 tables += self._object(instance, thing)
             except LeftOut as reason:
                 what = {"VOLUME": "the volume is left out: ", "LIGHT": "the light is left out: "}.get(thing.type, "is left out: ")
                 self._notes.say(thing.name, what + str(reason))
         return tables
+
+    def _is_shown(self, instance, thing):
+        if self._view is None:
+            return not thing.hide_render
+        return (instance.parent if instance.is_instance and instance.parent else thing).visible_in_viewport_get(self._view.space)
 
     def _materials(self, thing):
         override = self._layer.material_override
@@ -180,13 +211,13 @@ class _Translator:
         if thing.type == "VOLUME":
             self._say_visibility(thing)
             shutter = self._motion and self._motion.shutter
-            file = file_of(thing, instance.matrix_world, shutter, self._scene, self._frame_of_files, self._folder)
+            file = file_of(thing, instance.matrix_world, shutter, self._scene, self._frame_of_files, self._folder, self._shown)
             if file.grids is not None:
                 self._say_clipped(thing, file.corners, instance.matrix_world)
             return volume_tables(thing, self._materials(thing), file, self._place(instance), self._bake, matrices, self._notes)
         self._say_particles(thing)
         self._say_clipped(thing, thing.bound_box, instance.matrix_world)
-        domain = domain_of(thing)
+        domain = domain_of(thing, self._shown)
         if domain is not None or volume_shader_of(self._materials(thing)) is not None:
             self._say_visibility(thing)
         if domain is not None:
@@ -194,11 +225,13 @@ class _Translator:
                 thing, self._materials(thing), domain, self._frame_of_files, self._place(instance, thing.bound_box), self._bake,
                 matrices, self._motion, self._scene, self._notes,
             )  # fmt: skip
-        return self._surfaces.tables(thing, self._materials(thing), self._place(instance, thing.bound_box), matrices)
+        owner = instance.parent if instance.is_instance and instance.parent else thing
+        return self._surfaces.tables(thing, owner, self._materials(thing), self._place(instance, thing.bound_box), matrices)
 
     def _say_clipped(self, thing, corners, matrix):
         self._reach = max([self._reach, *((matrix @ Vector(corner)).length for corner in corners)])
-        say_clipped(self._camera, thing.name, corners, matrix, self._notes)
+        if self._camera is not None:
+            say_clipped(self._camera, thing.name, corners, matrix, self._notes)
 
     def _place(self, instance, box=None):
         """@param box  corners of the object's texture space; None: there is none"""
@@ -208,7 +241,10 @@ class _Translator:
 
     def _bake(self, shader, source):
         settings = getattr(self._scene, "brume", None)
-        return bake(shader, source, self._folder, 1e6 * (settings.bake_millions if settings else MILLIONS), self._notes)
+        millions = settings.bake_millions if settings else MILLIONS
+        if self._view is not None:
+            millions = min(millions, VIEWPORT_MILLIONS)
+        return bake(shader, source, self._folder, 1e6 * millions, self._notes, self._check)
 
     def _say_visibility(self, thing):
         """Of a volume, or of the fog in a mesh."""

@@ -25,6 +25,7 @@ _FILLED = {}  # blocks that hold something, by a digest of field and blocks
 PROBES = 8192
 BATCH = 1 << 16  # points at once
 MILLIONS = 16  # of voxels, unless the scene says otherwise
+VIEWPORT_MILLIONS = 0.5  # at most in a viewport, which waits for them
 
 
 @dataclass
@@ -36,19 +37,20 @@ class Baked:
     glows: list = field(default_factory=list)
 
 
-def bake(shader, source, folder, most_voxels, notes):
-    """@param source  of grids: lattice(name), add_baked(path, grids, k, master), least: values up to which are nothing"""
+def bake(shader, source, folder, most_voxels, notes, check=lambda: None):
+    """@param source  of grids: lattice(name), add_baked(path, grids, k, master), least: values up to which are nothing
+    @param check   called several times a second; may throw"""
     try:
-        chosen = [closure for closure in shader.closures if _needs_bake(shader, closure, source)]
+        chosen = [closure for closure in shader.closures if _needs_bake(shader, closure, source, check)]
         if not chosen:
             return Baked(shader.closures)
-        return _Bake(shader, chosen, source, folder, most_voxels, notes).run()
+        return _Bake(shader, chosen, source, folder, most_voxels, notes, check).run()
     except NoLattice as reason:
         notes.say(shader.name, f"what its nodes compute cannot be baked: {reason}")
         return Baked(shader.closures)
 
 
-def _needs_bake(shader, closure, source):
+def _needs_bake(shader, closure, source, check):
     if source.virtual:
         return True
     used = shader.used(closure)
@@ -62,15 +64,15 @@ def _needs_bake(shader, closure, source):
         return False  # curves of emission act between voxels in brume, too
     if lattices.openvdb is None:
         return False
-    field_ = _Field(shader, [closure], source)
+    field_ = _Field(shader, [closure], source, check)
     return len(field_.blocks) > 0 and not field_.keeps(1)
 
 
 class _Field:
     """Coefficients of closures at points of the space in which the finest of their grids has its voxels."""
 
-    def __init__(self, shader, closures, source):
-        self._shader, self.closures = shader, closures
+    def __init__(self, shader, closures, source, check):
+        self._shader, self.closures, self._check = shader, closures, check
         # All of the shader's: where any of them is, Cycles evaluates it.
         names = sorted({name for closure in shader.closures for name in (*shader.used(closure), *shader.derived(closure))})
         self._lattices = {name: source.lattice(name) for name in names}
@@ -127,6 +129,7 @@ class _Field:
         return lattice.at_index(index) if np.array_equal(lattice.matrix, self.master.matrix) else lattice.at(points)
 
     def _computed(self, points, values):
+        self._check()
         return [np.maximum(self._shader.evaluate(c, values, points), 0) for c in self.closures]
 
     def keeps(self, k):
@@ -176,10 +179,10 @@ class _Scalar:
 
 
 class _Bake:
-    def __init__(self, shader, closures, source, folder, most_voxels, notes):
+    def __init__(self, shader, closures, source, folder, most_voxels, notes, check):
         self._shader, self._source, self._folder, self._notes = shader, source, folder, notes
         self._most = most_voxels
-        self._field = _Field(shader, closures, source)
+        self._field = _Field(shader, closures, source, check)
         self._left = [closure for closure in shader.closures if closure not in closures]
         self._scalars = []
 

@@ -76,16 +76,15 @@ def projection_of(camera, sensor):
     return {"fov": math.degrees(2 * math.atan(0.5 * sensor.size / data.lens))}
 
 
-def _set_lens(table, camera, focus, notes):
-    data = camera.data
+def lens_keys(data, focus):
+    """Of a thin lens. @param data  of the camera"""
     aperture = 1.0 if data.type == "ORTHO" else 1e-3 * data.lens
-    table.set(lens_radius=0.5 * aperture / max(data.dof.aperture_fstop, 1e-5), focus_distance=focus)
+    keys = {"lens_radius": 0.5 * aperture / max(data.dof.aperture_fstop, 1e-5), "focus_distance": focus}
     blades = data.dof.aperture_blades
     if blades >= 3:
         # Cycles turns a side to the right, brume a corner.
-        table.set(blades=blades, blade_rotation=math.degrees(data.dof.aperture_rotation) - 180 / blades)
-    if data.dof.aperture_ratio != 1:
-        notes.say(camera.name, "its aperture is stretched in Blender; it is round here")
+        keys.update(blades=blades, blade_rotation=math.degrees(data.dof.aperture_rotation) - 180 / blades)
+    return keys
 
 
 def say_clipped(camera, name, corners, matrix, notes):
@@ -121,7 +120,9 @@ def camera_table(depsgraph, camera, motion, width, height, pixel_aspect, notes):
     if pixel_aspect != 1:
         table.set(pixel_aspect=pixel_aspect)
     if data.dof.use_dof:
-        _set_lens(table, camera, focus, notes)
+        table.set(**lens_keys(data, focus))
+        if data.dof.aperture_ratio != 1:
+            notes.say(camera.name, "its aperture is stretched in Blender; it is round here")
     if motion is not None:
         table.set(shutter=motion.shutter)
     if moves:

@@ -1,4 +1,4 @@
-"""The folder that meshes and pictures of a translation are written into."""
+"""The folder that meshes and pictures of a translation are written into, or of several, one after another."""
 
 import os
 import re
@@ -16,6 +16,9 @@ class Folder:
         self._bakes = bakes
         self._taken = set()
         self.files = []  # paths, in the order in which they were asked for
+        # What later translations need not do again.
+        self.geometries = {}  # by what they are of: (meshes.Geometry or None, names of objects and meshes)
+        self.written = {}  # paths, or textures that have one, by what is in them
 
     def new(self, suffix, *parts):
         """Path of a new file, named by parts of a name, unlike all before."""
@@ -47,6 +50,22 @@ class Folder:
             total += size
             if total > MOST_BAKED:
                 os.remove(path)
+
+    def forget_geometry(self, names):
+        """What was read of changed objects or meshes, and what was written of it."""
+        gone = {key for key, (_, own) in self.geometries.items() if not own.isdisjoint(names)}
+        for key in gone:
+            del self.geometries[key]
+        self.written = {key: value for key, value in self.written.items() if gone.isdisjoint(key) and names.isdisjoint(key)}
+
+    def remove_unused(self, text):
+        """Files that a scene does not name."""
+        for path in [path for path in self.files if os.path.basename(path) not in text]:
+            self.files.remove(path)
+            if os.path.exists(path):
+                os.remove(path)
+        there = set(self.files)
+        self.written = {key: value for key, value in self.written.items() if getattr(value, "path", value) in there}
 
     def remove(self):
         """The files that were written."""

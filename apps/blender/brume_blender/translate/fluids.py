@@ -18,10 +18,10 @@ BASE = {"density": "density", "flame": "flame", "heat": "temperature"}
 NOISE = {"density": "density_noise", "flame": "flame_noise"}
 
 
-def domain_of(thing):
+def domain_of(thing, shown):
     """Settings of an object's gas domain; None: it is none."""
     for modifier in thing.modifiers:
-        if modifier.type == "FLUID" and modifier.show_render and modifier.fluid_type == "DOMAIN":
+        if modifier.type == "FLUID" and getattr(modifier, shown) and modifier.fluid_type == "DOMAIN":
             settings = modifier.domain_settings
             return settings if settings.domain_type == "GAS" else None
     return None

@@ -1,14 +1,16 @@
-"""Surface shaders as brume's materials: diffuse, metal, glass, and light that they emit. Of mixtures the part that weighs
+"""Surface shaders as brume's materials: diffuse, coated, metal, glass, and light that they emit. Of mixtures the part that weighs
 most is taken; what is left out is said."""
 
 from dataclasses import dataclass, field
 
+import bpy
 import numpy as np
 
 from .node_values import UnknownNode, Values
 from .nodes import output_of, tree_of
 from .pictures import pixels_of
 
+DIMMED_SINCE = (4, 0, 0)  # Principled's gloss takes from its base what it reflects, and that is Lambert's
 LEAST = 1e-3  # what weighs less, or emits less, is nothing
 
 
@@ -22,6 +24,8 @@ class Bsdf:
     roughness: float = 0.0
     ior: float = 1.5
     fresnel: bool = True  # metals reflect all at grazing angles, glass reflects without a tint
+    tint: object = None  # of what a coat reflects
+    gain: float = 1.0  # on its colour
     told: list = field(default_factory=list)  # what was taken instead
 
 
@@ -186,14 +190,7 @@ class _Shader:
         colour, roughness = plug.input("Base Color"), self.number(plug.input("Roughness"))
         self._bsdfs.append(Bsdf("conductor", weight * metallic, colour, roughness))
         self._bsdfs.append(Bsdf("dielectric", weight * glass, colour, roughness, self.number(plug.input("IOR"))))
-        diffuse = Bsdf("diffuse", weight * (1 - metallic) * (1 - glass), colour)
-        specular = self.number(plug.input("Specular", "Specular IOR Level"))
-        diffuse.told.append(
-            f"is Principled; a diffuse surface of its base colour is taken, without its gloss (specular {specular:.3g})"
-            if specular > LEAST
-            else "is Principled; a diffuse surface of its base colour is taken"
-        )
-        self._bsdfs.append(diffuse)
+        self._bsdfs.append(self._coated(plug, weight * (1 - metallic) * (1 - glass), colour, roughness))
         for names in (("Subsurface", "Subsurface Weight"), ("Sheen", "Sheen Weight"), ("Clearcoat", "Coat Weight"), ("Anisotropic",)):
             if self.number(plug.input(*names)) > LEAST:
                 self._say(f"has {names[0].lower()}, which is left out")
@@ -204,6 +201,64 @@ class _Shader:
             self._say("has a roughness of transmission of its own, which is left out")
         strength = self.number(plug.input("Emission Strength"))
         self._emit(plug.input("Emission", "Emission Color"), strength * weight)
+
+
+    def _coated(self, plug, weight, colour, roughness):
+        """What of a Principled shader is neither metal nor glass: its base under its gloss."""
+        level = max(self.number(plug.input("Specular", "Specular IOR Level")), 0)
+        names = [p.socket.name for p in plug.inputs()]
+        head_on = 0.08 * level  # Cycles' reflectance before Blender 4, whatever the index
+        if "Specular IOR Level" in names:
+            ior = max(self.number(plug.input("IOR")), 1)
+            head_on = 2 * level * ((ior - 1) / (ior + 1)) ** 2
+        root = min(head_on, 0.36) ** 0.5
+        coated = Bsdf("coated", weight, colour, roughness, (1 + root) / (1 - root))
+        if root < LEAST:
+            coated.material = "diffuse"
+        if bpy.app.version < DIMMED_SINCE:
+            coated.gain = _burley_albedo(roughness) / (1 - _coat_albedo(max(roughness, 0.03) ** 2, coated.ior))
+        tint = plug.input("Specular Tint") if "Specular Tint" in names else None
+        if tint is not None and tint.socket.type == "RGBA":
+            try:
+                coated.tint = np.clip(np.asarray(Values().colour(tint)).reshape(3), 0, 1)
+            except (UnknownNode, ValueError):
+                coated.told.append("has a specular tint by a texture, which is left out")
+        elif tint is not None and self.number(tint) > LEAST:
+            coated.told.append("has a specular tint, which is left out")
+        return coated
+
+
+def _burley_albedo(roughness):
+    """What Burley's diffuse surface reflects of light from all around."""
+    mu_o, mu_i, turn = np.meshgrid(*[(np.arange(32) + 0.5) / 32] * 3, indexing="ij")
+    cosine = mu_o * mu_i + np.sqrt((1 - mu_o**2) * (1 - mu_i**2)) * np.cos(np.pi * turn)
+    retro = roughness * (1 + cosine) - 0.5
+    values = (1 + retro * (1 - mu_o) ** 5) * (1 + retro * (1 - mu_i) ** 5)
+    return float(np.average(values, weights=mu_o * mu_i))
+
+
+def _coat_albedo(alpha, ior):
+    """What single scattering at a rough dielectric reflects of light from all around (render/world/bsdf.cpp, CoatAlbedo)."""
+    mu, u, v = np.meshgrid((np.arange(24) + 0.5) / 24, (np.arange(16) + 0.5) / 16, (np.arange(16) + 0.5) / 16, indexing="ij")
+    wo = np.stack([np.sqrt(1 - mu**2), 0 * mu, mu], -1)
+    e = wo * [alpha, alpha, 1]
+    e /= np.linalg.norm(e, axis=-1, keepdims=True)
+    across = np.stack([-e[..., 1], e[..., 0], 0 * mu], -1) / np.hypot(e[..., 0], e[..., 1])[..., None]
+    x, s = np.sqrt(u) * np.cos(2 * np.pi * v), 0.5 * (1 + e[..., 2])
+    y = (1 - s) * np.sqrt(np.maximum(1 - x**2, 0)) + s * np.sqrt(u) * np.sin(2 * np.pi * v)
+    z = np.sqrt(np.maximum(1 - x**2 - y**2, 0))
+    m = (x[..., None] * across + y[..., None] * np.cross(e, across) + z[..., None] * e) * [alpha, alpha, 1]
+    m /= np.linalg.norm(m, axis=-1, keepdims=True)
+    c = np.sum(wo * m, -1)
+    up = 2 * c * m[..., 2] - mu
+    t = np.sqrt(1 - (1 - c**2) / ior**2)
+    fresnel = 0.5 * (((ior * c - t) / (ior * c + t)) ** 2 + ((c - ior * t) / (c + ior * t)) ** 2)
+
+    def shadowing(cosine):
+        return 0.5 * (np.sqrt(1 + alpha**2 * (1 / np.maximum(cosine, 1e-6) ** 2 - 1)) - 1)
+
+    reflected = np.where((c > 0) & (up > 0), fresnel * (1 + shadowing(mu)) / (1 + shadowing(mu) + shadowing(up)), 0)
+    return float(np.average(reflected, weights=mu))
 
 
 _SHADERS = {

@@ -19,26 +19,29 @@ class Surfaces:
         self._bake = bake  # baking.bake, of a shader and its source
         self._folder, self._notes, self._view_layer = folder, notes, view_layer
         self._textures = Textures(folder, notes)
-        self._geometries, self._written, self._surfaces = {}, {}, {}
+        self._surfaces = {}
         self.any_catcher = False
 
-    def geometry(self, thing):
-        """Of an evaluated object; None: it has no faces."""
-        key = thing.data.as_pointer() if thing.type == "MESH" else thing.name_full
-        if key not in self._geometries:
+    def geometry(self, thing, owner):
+        """Of an evaluated object; None: it has no faces. @param owner  that it is an instance of, or itself"""
+        key = ("geometry", thing.data.as_pointer() if thing.type == "MESH" else thing.name_full)
+        data = thing.data.name_full if thing.data else thing.name_full
+        known = self._folder.geometries
+        if key not in known or data not in known[key][1]:
             mesh = thing.to_mesh()
             try:
                 geometry = Geometry(mesh) if mesh is not None else None
             finally:
                 thing.to_mesh_clear()
-            self._geometries[key] = geometry
-        return key, self._geometries[key]
+            known[key] = geometry, {data}
+        known[key][1].update((thing.name_full, owner.name_full))
+        return key, known[key][0]
 
-    def tables(self, thing, materials, place, matrices):
+    def tables(self, thing, owner, materials, place, matrices):
         """[[surfaces]] of an instance, one for each of its materials that has faces, and [[volumes]] of its fog.
         @param materials  of its slots
         @param matrices  (as the shutter opens, as it closes), the second None where it stands still"""
-        key, geometry = self.geometry(thing)
+        key, geometry = self.geometry(thing, owner)
         if geometry is None or len(geometry.loops) == 0:
             return []
         tables = []
@@ -87,7 +90,7 @@ class Surfaces:
         if surface.bsdf is None or isinstance(surface.bsdf.colour, list):
             return surface.bsdf and surface.bsdf.colour, None
         where = Surface(geometry, chosen, key, place, self._notes, material.name)
-        colour, texture = self._textures.of(surface.bsdf.colour, material.name, where)
+        colour, texture = self._textures.of(surface.bsdf.colour, surface.bsdf.gain, material.name, where)
         if texture is not None and texture.atlas is None and geometry.uv(texture.uv_map) is None:
             self._notes.say(thing.name, "has no UV map for the image on its base colour; it is left out")
             texture = None
@@ -96,7 +99,7 @@ class Surfaces:
     def _mesh(self, thing, key, geometry, part, texture):
         slot, slots, chosen = part
         where = (key, slot, slots, texture and texture.placement())
-        if where not in self._written:
+        if where not in self._folder.written:
             uv = None
             if texture is not None and texture.atlas is not None:
                 uv = texture.atlas.uv()
@@ -104,8 +107,8 @@ class Surfaces:
                 uv = (geometry.uv(texture.uv_map) @ texture.matrix.T + texture.offset)[geometry.loops[chosen]]
             path = self._folder.new(".ply", thing.data.name if thing.data else thing.name, str(slot))
             write_ply(path, geometry, chosen, uv)
-            self._written[where] = path
-        return self._written[where]
+            self._folder.written[where] = path
+        return self._folder.written[where]
 
     def _set_role(self, table, thing, surface):
         original = thing.original
@@ -131,7 +134,9 @@ def _set_material(table, surface, colour, picture):
         table.set(albedo_texture=picture)
     if bsdf.material != "diffuse":
         table.set(roughness=min(max(bsdf.roughness, 0), 1))
-    if bsdf.material == "dielectric":
+    if bsdf.material in ("dielectric", "coated"):
         table.set(ior=min(max(bsdf.ior, 1.0001), 4))
-    if bsdf.material != "diffuse" and not bsdf.fresnel:
+    if bsdf.tint is not None:
+        table.set(reflection_tint=bsdf.tint)
+    if bsdf.material in ("conductor", "dielectric") and not bsdf.fresnel:
         table.set(**{"edge_albedo" if bsdf.material == "conductor" else "reflection_tint": colour})

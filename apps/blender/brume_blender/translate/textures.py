@@ -5,6 +5,7 @@ from dataclasses import dataclass
 import numpy as np
 
 from .node_values import UnknownNode, Values
+from .nodes import signature
 from .pictures import NoPicture, file_of, is_linear, pixels_of, write_exr
 
 PROBES = 256  # points by which colours are told apart
@@ -67,22 +68,23 @@ class Textures:
 
     def __init__(self, folder, notes):
         self._folder, self._notes = folder, notes
-        self._written = {}
+        self._written = folder.written
 
-    def of(self, plug, name, surface):
-        """(colour, Texture or None) of a colour's plug. @param surface  surface_points.Surface, for what is no picture"""
+    def of(self, plug, gain, name, surface):
+        """(colour, Texture or None) of a colour's plug.
+        @param gain  on it   @param surface  surface_points.Surface, for what is no picture"""
         try:
             colour = np.asarray(Values().colour(plug))
             if colour.ndim == 1:
-                return np.clip(colour, 0, 1), None
+                return np.clip(gain * colour, 0, 1), None
         except UnknownNode:
             pass
         try:
-            return np.ones(3), self._texture(plug, name)
+            return np.ones(3), self._texture(plug, gain, name)
         except (UnknownNode, NoPicture):
-            return self._baked(plug, name, surface)
+            return self._baked(plug, gain, name, surface)
 
-    def _baked(self, plug, name, surface):
+    def _baked(self, plug, gain, name, surface):
         """Texels of each triangle for itself."""
         stand_ins = []
 
@@ -92,7 +94,7 @@ class Textures:
 
         def colours(triangles, weights):
             values = Values(surface.at(triangles, weights), stand_in).colour(plug)
-            return np.clip(np.broadcast_to(values, (len(triangles), 3)), 0, 1).astype(np.float32)
+            return np.clip(gain * np.broadcast_to(values, (len(triangles), 3)), 0, 1).astype(np.float32)
 
         probed = colours(*surface.spread(PROBES))
         if stand_ins:
@@ -100,7 +102,7 @@ class Textures:
             self._notes.say(name, f"{what}; {STAND_IN} is taken for it")
         if np.ptp(probed, axis=0).max() < 1e-6:
             return probed[0].astype(float), None
-        key = (surface.key, plug.key(), probed.tobytes())
+        key = (*surface.key, plug.key(), probed.tobytes())
         if key not in self._written:
             atlas = Atlas(surface.count, TEXELS)
             path = self._folder.new(".exr", "texture", name)
@@ -108,7 +110,7 @@ class Textures:
             self._written[key] = Texture(path, atlas=atlas)
         return np.ones(3), self._written[key]
 
-    def _texture(self, plug, name):
+    def _texture(self, plug, gain, name):
         """@throws UnknownNode, NoPicture"""
         found = []
 
@@ -124,7 +126,8 @@ class Textures:
             found.append(p)
             return pixels_of(p.node.image, self._notes, name).reshape(-1, 3)
 
-        key = plug.resolve().key()
+        here = plug.resolve()
+        key = (here.key(), gain, *(signature(node.id_data) for node in (here.node, *here.groups)))
         if key in self._written:
             return self._written[key]
         colours = Values(leaves).colour(plug)
@@ -133,11 +136,11 @@ class Textures:
         self._say_settings(node, name)
         uv_map, matrix, offset = self._coordinates(image_plug)
         path = file_of(image)
-        direct = plug.resolve().key() == image_plug.key() and path is not None and _read_alike(image, path)
+        direct = gain == 1 and here.key() == image_plug.key() and path is not None and _read_alike(image, path)
         if not direct:
             path = self._folder.new(".exr", "texture", image.name)
             width, height = image.size
-            write_exr(path, np.clip(colours, 0, 1).reshape(height, width, 3))
+            write_exr(path, np.clip(gain * colours, 0, 1).reshape(height, width, 3))
         self._written[key] = Texture(path, uv_map, matrix, offset)
         return self._written[key]
 

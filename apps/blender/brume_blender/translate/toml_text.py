@@ -35,5 +35,9 @@ class Table:
     def holds(self, **keys):
         return all(self._lines.get(key) == f"{key} = {toml_text(value)}" for key, value in keys.items())
 
+    def assignments(self):
+        """As -D takes them."""
+        return [f"{self.header.strip('[]')}.{line.replace(' = ', '=', 1)}" for line in self._lines.values()]
+
     def text(self):
         return "\n".join([self.header, *self._lines.values()]) + "\n"

@@ -123,16 +123,20 @@ def _saved(thing, folder):
     """A file of grids that Blender computes: by modifiers, or nodes. @throws LeftOut"""
     if len(thing.data.grids) == 0:
         raise LeftOut("it has no file" if not thing.modifiers else "its modifiers make no grid")
-    path = folder.new(".vdb", thing.name)
-    if not thing.data.grids.save(filepath=path):
-        raise LeftOut(f"Blender cannot write its grids: {thing.data.grids.error_message}")
-    return path
+    key = ("grids", thing.data.as_pointer(), thing.name_full)
+    if key not in folder.written:
+        path = folder.new(".vdb", thing.name)
+        if not thing.data.grids.save(filepath=path):
+            raise LeftOut(f"Blender cannot write its grids: {thing.data.grids.error_message}")
+        folder.written[key] = path
+    return folder.written[key]
 
 
-def file_of(thing, matrix, shutter, scene, frame, folder):
-    """The GridFile of a Volume object that lies so in the world; one that cannot be read has no grids: None. @throws LeftOut, CannotTranslate"""
+def file_of(thing, matrix, shutter, scene, frame, folder, shown):
+    """The GridFile of a Volume object that lies so in the world; one that cannot be read has no grids: None.
+    @param shown  switch of the modifiers that are evaluated   @throws LeftOut, CannotTranslate"""
     volume = thing.data
-    if not volume.filepath or any(modifier.show_render for modifier in thing.modifiers):
+    if not volume.filepath or any(getattr(modifier, shown) for modifier in thing.modifiers):
         path = _saved(thing, folder)
     else:
         path = path_of(volume, frame)

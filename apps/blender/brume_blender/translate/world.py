@@ -5,7 +5,7 @@ import math
 import numpy as np
 
 from .node_values import UnknownNode, Values
-from .nodes import output_of, tree_of
+from .nodes import output_of, signature, tree_of
 from .pictures import NoPicture, file_of, is_linear, looked_up, pixels_of, write_exr
 from .sky import sky_tables
 from .toml_text import Table
@@ -140,6 +140,15 @@ class _Background:
         for image in _images(self._world.node_tree):
             if image.size[0] > width:
                 width, height = min(image.size[0], LARGEST[0]), min(image.size[0] // 2, LARGEST[1])
+        key = ("world", signature(self._world.node_tree))
+        if key not in self._folder.written:
+            self._folder.written[key] = self._written(shader, width, height)
+        if self._folder.written[key] is not None:
+            table.set(file=self._folder.named(self._folder.written[key]), radiance=[1, 1, 1])
+            self._notes.say(self._world.name, f"its nodes are taken as a picture of {width} x {height}")
+
+    def _written(self, shader, width, height):
+        """Path of the picture; None: the world is black."""
         theta = (np.arange(height) + 0.5) / height * math.pi
         phi = (np.arange(width) + 0.5) / width * 2 * math.pi - math.pi
         # Brume's lat-long pictures: the middle faces +y, right of it is +x.
@@ -151,12 +160,11 @@ class _Background:
             radiance = self._radiance(shader, Values(_Directions(directions, self)))
         except (UnknownNode, NoPicture) as unknown:
             self._notes.say(self._world.name, f"depends on {unknown}, which brume lacks; it is black")
-            return
+            return None
         radiance = np.broadcast_to(radiance, (width * height, 3)).reshape(height, width, 3)
         path = self._folder.new(".exr", "world")
         write_exr(path, np.maximum(radiance, 0))
-        table.set(file=self._folder.named(path), radiance=[1, 1, 1])
-        self._notes.say(self._world.name, f"its nodes are taken as a picture of {width} x {height}")
+        return path
 
     def environment(self, plug, direction):
         """Of an Environment Texture."""
