@@ -60,8 +60,9 @@ void Guides::for_each_march(const Camera& camera, bool sketch, const Task& task,
       march(solved(colours_[i], task), colours_[i]);
 }
 
-void Guides::record(const Camera& camera, const ivec2& corner, Layers& frame, const Task& task, bool sketch) const {
-  for_each_march(camera, sketch, task, [&](const GuideMarch& march) { march.record(corner, frame, task); });
+void Guides::record(const Camera& camera, const ivec2& corner, Layers& frame, const Task& task, bool sketch,
+                    DeepRecord* deep) const {
+  for_each_march(camera, sketch, task, [&](const GuideMarch& march) { march.record(corner, frame, task, deep); });
 }
 
 void Guides::record_watched(const Camera& camera, Layers& frame, const Task& task,
@@ -86,11 +87,11 @@ void Guides::record_watched(const Camera& camera, Layers& frame, const Task& tas
 }
 
 void Guides::record_stored(const Camera& camera, const ivec2& corner, Layers& frame, const Task& task,
-                           const std::function<bool(const std::string& channel)>& stored) const {
+                           const std::function<bool(const std::string& channel)>& stored, DeepRecord* deep) const {
   for_each_march(camera, /*sketch=*/false, task, [&](const GuideMarch& march) {
     for (int y0 = 0; y0 < frame.height(); y0 += kBand) {
       Layers band(frame.width(), std::min(kBand, frame.height() - y0));
-      march.record(corner + ivec2(0, y0), band, quiet(task));
+      march.record(corner + ivec2(0, y0), band, quiet(task), deep);
       for (const auto& [name, plane] : band.channels()) {
         if (stored(name)) {
           frame.store_rows(name, y0, plane, task);

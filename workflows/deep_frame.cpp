@@ -1,0 +1,111 @@
+#include "workflows/deep_frame.h"
+
+#include <fmt/format.h>
+
+#include <algorithm>
+#include <cmath>
+
+#include "base/error.h"
+#include "base/parallel_for.h"
+#include "image/exr_copy.h"
+#include "image/exr_deep.h"
+
+namespace brume {
+namespace {
+
+using Type = DeepPicture::Channel::Type;
+
+/// A pixel's samples as they are stored.
+struct Sample {
+  float z, z_back, alpha;
+  vec3 colour;
+};
+
+/// Light of each part: the pixel's, shared as the predicted light of each colour is; where none was predicted, as that
+/// of all colours, or as what covers the pixel.
+std::vector<dvec3> shared_light(std::span<const DeepPart> parts, const dvec3& light) {
+  std::vector<dvec3> shares(parts.size());
+  dvec3 all(0);
+  double covered = 0, left = 1;
+  std::vector<double> cover(parts.size());
+  for (size_t i = 0; i < parts.size(); ++i) {
+    all += glm::max(dvec3(parts[i].light), 0.0);
+    cover[i] = left - static_cast<double>(parts[i].left);
+    covered += cover[i];
+    left = parts[i].left;
+  }
+  const double grey = all.x + all.y + all.z;
+  for (size_t i = 0; i < parts.size(); ++i) {
+    const dvec3 own = glm::max(dvec3(parts[i].light), 0.0);
+    for (int c = 0; c < 3; ++c)
+      shares[i][c] = light[c] * (all[c] > 0    ? own[c] / all[c]
+                                 : grey > 0    ? (own.x + own.y + own.z) / grey
+                                 : covered > 0 ? cover[i] / covered
+                                               : (i == 0 ? 1.0 : 0.0));
+  }
+  return shares;
+}
+
+/// Alphas are rounded one by one, each making up for the rounding of those before it.
+void store_pixel(std::span<const DeepPart> parts, const dvec3& light, bool half, std::vector<Sample>& samples) {
+  const std::vector<dvec3> shares = shared_light(parts, light);
+  double left = 1;
+  for (size_t i = 0; i < parts.size(); ++i) {
+    const DeepPart& part = parts[i];
+    if (left <= 0) {  // nothing is seen behind: its light goes to what hides it
+      samples.back().colour += vec3(shares[i]);
+      continue;
+    }
+    double alpha = std::clamp(1 - static_cast<double>(part.left) / left, 0.0, 1.0);
+    alpha = half ? rounded_to_half(static_cast<float>(alpha)) : static_cast<float>(alpha);
+    samples.push_back({part.z, part.z_back, static_cast<float>(alpha), vec3(shares[i] / left)});
+    left *= 1 - alpha;
+  }
+}
+
+}  // namespace
+
+DeepPicture deep_frame(const DeepRecord& record, Layers& frame, Type type) {
+  const int width = frame.width(), height = frame.height();
+  const RgbPlanes rgb = frame.rgb(layer::beauty);
+  Plane& alpha = frame.add(layer::alpha.channel(0));
+  std::vector<std::vector<Sample>> rows(static_cast<size_t>(height));
+  std::vector<uint32_t> counts(static_cast<size_t>(width) * height);
+  parallel_for(height, {}, [&](int y) {
+    std::vector<Sample>& row = rows[static_cast<size_t>(y)];
+    for (int x = 0; x < width; ++x) {
+      std::vector<DeepPart> parts = record.parts({x, y});
+      const dvec3 light((*rgb[0])(x, y), (*rgb[1])(x, y), (*rgb[2])(x, y));
+      if (parts.empty() && light != dvec3(0)) parts.push_back({kDeepBackground, kDeepBackground, 1, vec3(1)});
+      const size_t before = row.size();
+      store_pixel(parts, light, type == Type::kHalf, row);
+      counts[static_cast<size_t>(y) * width + x] = static_cast<uint32_t>(row.size() - before);
+      double left = 1;
+      for (size_t i = before; i < row.size(); ++i) left *= 1 - static_cast<double>(row[i].alpha);
+      alpha(x, y) = static_cast<float>(1 - left);
+    }
+  });
+  DeepPicture picture(frame.data_window(), frame.display_window(), counts);
+  picture.header = frame.header;
+  const std::pair<const char*, float (*)(const Sample&)> channels[] = {
+      {"Z", [](const Sample& s) { return s.z; }},        {"ZBack", [](const Sample& s) { return s.z_back; }},
+      {"A", [](const Sample& s) { return s.alpha; }},    {"R", [](const Sample& s) { return s.colour.x; }},
+      {"G", [](const Sample& s) { return s.colour.y; }}, {"B", [](const Sample& s) { return s.colour.z; }}};
+  for (const auto& [name, value] : channels) {
+    float* to = picture.add(name, *name == 'Z' ? Type::kFloat : type).values.data();
+    for (const std::vector<Sample>& row : rows)
+      for (const Sample& s : row) *to++ = value(s);
+  }
+  return picture;
+}
+
+Layers flattened_file(const std::filesystem::path& deep, const Host& host) {
+  const DeepPicture picture = read_deep_exr(deep, host.silent());
+  try {
+    return flattened(picture);
+  } catch (const InputError& error) {
+    throw InputError(fmt::format("{}: {}", deep.string(), error.what()));
+  }
+}
+
+}  // namespace brume
