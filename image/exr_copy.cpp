@@ -386,10 +386,6 @@ void copy_parts(Imf::MultiPartInputFile& in, const fs::path& from, const std::ve
 
 }  // namespace
 
-float rounded_to_half(float value) {
-  return to_half(value);
-}
-
 void round_to_half(Plane& plane) {
   for (int y = 0; y < plane.height(); ++y)
     for (float& value : plane.pixels(y)) value = to_half(value);

@@ -46,6 +46,5 @@ ExrCopyReport copy_exr(const std::filesystem::path& from, const std::filesystem:
 
 /// Rounds to what a half channel can hold: to nearest, its largest finite value for more; NaN and infinities stay.
 void round_to_half(Plane& plane);
-float rounded_to_half(float value);
 
 }  // namespace brume

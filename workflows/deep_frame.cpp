@@ -7,7 +7,6 @@
 
 #include "base/error.h"
 #include "base/parallel_for.h"
-#include "image/exr_copy.h"
 #include "image/exr_deep.h"
 
 namespace brume {
@@ -46,8 +45,8 @@ std::vector<dvec3> shared_light(std::span<const DeepPart> parts, const dvec3& li
   return shares;
 }
 
-/// Alphas are rounded one by one, each making up for the rounding of those before it.
-void store_pixel(std::span<const DeepPart> parts, const dvec3& light, bool half, std::vector<Sample>& samples) {
+/// Colours are those that the samples before them, as they are rounded, let through.
+void store_pixel(std::span<const DeepPart> parts, const dvec3& light, std::vector<Sample>& samples) {
   const std::vector<dvec3> shares = shared_light(parts, light);
   double left = 1;
   for (size_t i = 0; i < parts.size(); ++i) {
@@ -56,10 +55,9 @@ void store_pixel(std::span<const DeepPart> parts, const dvec3& light, bool half,
       samples.back().colour += vec3(shares[i]);
       continue;
     }
-    double alpha = std::clamp(1 - static_cast<double>(part.left) / left, 0.0, 1.0);
-    alpha = half ? rounded_to_half(static_cast<float>(alpha)) : static_cast<float>(alpha);
-    samples.push_back({part.z, part.z_back, static_cast<float>(alpha), vec3(shares[i] / left)});
-    left *= 1 - alpha;
+    const auto alpha = static_cast<float>(std::clamp(1 - static_cast<double>(part.left) / left, 0.0, 1.0));
+    samples.push_back({part.z, part.z_back, alpha, vec3(shares[i] / left)});
+    left *= 1 - static_cast<double>(alpha);
   }
 }
 
@@ -78,7 +76,7 @@ DeepPicture deep_frame(const DeepRecord& record, Layers& frame, Type type) {
       const dvec3 light((*rgb[0])(x, y), (*rgb[1])(x, y), (*rgb[2])(x, y));
       if (parts.empty() && light != dvec3(0)) parts.push_back({kDeepBackground, kDeepBackground, 1, vec3(1)});
       const size_t before = row.size();
-      store_pixel(parts, light, type == Type::kHalf, row);
+      store_pixel(parts, light, row);
       counts[static_cast<size_t>(y) * width + x] = static_cast<uint32_t>(row.size() - before);
       double left = 1;
       for (size_t i = before; i < row.size(); ++i) left *= 1 - static_cast<double>(row[i].alpha);
@@ -92,17 +90,18 @@ DeepPicture deep_frame(const DeepRecord& record, Layers& frame, Type type) {
       {"A", [](const Sample& s) { return s.alpha; }},    {"R", [](const Sample& s) { return s.colour.x; }},
       {"G", [](const Sample& s) { return s.colour.y; }}, {"B", [](const Sample& s) { return s.colour.z; }}};
   for (const auto& [name, value] : channels) {
-    float* to = picture.add(name, *name == 'Z' ? Type::kFloat : type).values.data();
+    const bool colour = std::string_view("RGB").find(*name) != std::string_view::npos;
+    float* to = picture.add(name, colour ? type : Type::kFloat).values.data();
     for (const std::vector<Sample>& row : rows)
       for (const Sample& s : row) *to++ = value(s);
   }
   return picture;
 }
 
-Layers flattened_file(const std::filesystem::path& deep, const Host& host) {
+Layers flattened_file(const std::filesystem::path& deep, float before, const Host& host) {
   const DeepPicture picture = read_deep_exr(deep, host.silent());
   try {
-    return flattened(picture);
+    return flattened(picture, before);
   } catch (const InputError& error) {
     throw InputError(fmt::format("{}: {}", deep.string(), error.what()));
   }

@@ -10,10 +10,10 @@ namespace brume {
 /// A frame's picture at the depths of its parts: each has the share of the picture's light that it has of the predicted
 /// light, so that the deep picture flattened is the frame's. The frame's alpha becomes that of the parts, which has no
 /// noise. Samples are tidy, colours multiplied by their alpha, depths are along the camera's axis.
-/// @param type  of colours and alpha; depths are floats
+/// @param type  of colours; alpha and depths are floats, as a half cannot tell a thick volume from a wall
 DeepPicture deep_frame(const DeepRecord& parts, Layers& frame, DeepPicture::Channel::Type type);
 
-/// Flattens a deep EXR, of whichever program. @throws InputError
-Layers flattened_file(const std::filesystem::path& deep, const Host& host);
+/// Flattens a deep EXR, of whichever program. @param before  only what is in front of this depth   @throws InputError
+Layers flattened_file(const std::filesystem::path& deep, float before, const Host& host);
 
 }  // namespace brume

@@ -52,7 +52,7 @@ struct RenderOptions {
   std::filesystem::path output, preview, records, checkpoint, resume;  ///< empty: none
   std::filesystem::path deep;  ///< deep EXR of the picture, clean where a filter cleans it; empty: none
   int deep_samples = 16;       ///< that it has of each pixel, at most
-  bool deep_float = false;     ///< its colours and alpha are floats, not halves
+  bool deep_float = false;     ///< its colours are floats, not halves
   double checkpoint_seconds = 300;
   /// EXR of the picture, R G B A, again and again while it is rendered, and at the end: but for the first, after one
   /// sample, clean where a filter cleans it. Each replaces the one before as a whole, and Host::updated is told.

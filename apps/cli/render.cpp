@@ -136,7 +136,7 @@ void add_render(CLI::App& app, Common& common, Commands& commands) {
   command("--deep-samples", r.deep_samples, "samples of each deep pixel, at most")
       ->check(CLI::Range(1, 4096))
       ->capture_default_str();
-  command("--deep-float", r.deep_float, "float colours and alpha in the deep EXR instead of half ones");
+  command("--deep-float", r.deep_float, "float colours in the deep EXR instead of half ones");
   add_picture_options(command, r.picture,
                       "of the PNG: a number, header (the scene's), or auto: the 99th luminance percentile becomes 1");
   command("--spp", o.spp, "paths per pixel instead of the scene's")->check(CLI::Range(1, 1 << 24));

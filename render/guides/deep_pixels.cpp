@@ -7,9 +7,9 @@ namespace brume {
 namespace {
 
 constexpr float kThinStep = 1.0f / 1024;  // opacity of steps that are joined
-constexpr float kBound = 4e-4f;           // of transmittance, and of light as a share of the pixel's
-constexpr double kSameDepth = 0.02;       // of the distance: hits of one surface in one pixel that are one point
-constexpr float kNothing = 1e-7f;         // transmittance
+constexpr float kBoundOfOne = 6.4e-3f;  // over the most parts: of transmittance, and of light as a share of the pixel's
+constexpr double kSameDepth = 0.02;     // of the distance: hits of one surface in one pixel that are one point
+constexpr float kNothing = 1e-7f;       // transmittance
 
 float sum(const vec3& v) {
   return v.x + v.y + v.z;
@@ -117,7 +117,8 @@ std::vector<DeepPart> DeepPixels::of_rays(std::span<const DeepRay> rays, const v
 void DeepPixels::make_knots(std::span<const std::vector<DeepPart>> pixels) {
   places_.clear();
   const size_t every = pixels.size();
-  for (const std::vector<DeepPart>& parts : pixels)
+  for (size_t pixel = 0; pixel < every; ++pixel) {
+    const std::vector<DeepPart>& parts = pixels[pixel];
     for (size_t i = 0; i < parts.size(); ++i) {
       const DeepPart& p = parts[i];
       if (p.z == p.z_back) {
@@ -128,8 +129,9 @@ void DeepPixels::make_knots(std::span<const std::vector<DeepPart>> pixels) {
       const bool follows = i > 0 && parts[i - 1].z_back == p.z,
                  precedes = i + 1 < parts.size() && parts[i + 1].z == p.z_back;
       if (!follows) places_.emplace_back(p.z, false);
-      if (!precedes || i % every == 0) places_.emplace_back(p.z_back, false);
+      if (!precedes || (i + pixel) % every == 0) places_.emplace_back(p.z_back, false);
     }
+  }
   std::sort(places_.begin(), places_.end());
   places_.erase(std::unique(places_.begin(), places_.end()), places_.end());
 }
@@ -180,7 +182,7 @@ DeepPixels::Piece DeepPixels::piece(size_t from, size_t to) const {
 
 bool DeepPixels::is_empty(const Piece& p) const {
   const Knot &a = knots_[p.from], &b = knots_[p.to];
-  return a.left - b.left < kNothing && a.light == b.light;
+  return a.left - b.left < kNothing && std::abs(b.light_sum - a.light_sum) < kNothing;
 }
 
 std::vector<DeepPart> DeepPixels::mean(std::span<const std::vector<DeepPart>> pixels, size_t most) {
@@ -205,10 +207,11 @@ std::vector<DeepPart> DeepPixels::mean(std::span<const std::vector<DeepPart>> pi
   }
   if (from + 1 < knots_.size()) add(from, knots_.size() - 1);
   if (knots_.back().z == kDeepBackground) ++most;
+  const float bound = kBoundOfOne / static_cast<float>(most);
   while (parts < most) {
     const auto worst = std::max_element(pieces_.begin(), pieces_.end(),
                                         [](const Piece& a, const Piece& b) { return a.error < b.error; });
-    if (worst == pieces_.end() || worst->error <= kBound) break;
+    if (worst == pieces_.end() || worst->error <= bound) break;
     const Piece cut = *worst;
     pieces_.erase(worst);
     --parts;
