@@ -23,6 +23,7 @@ namespace {
 namespace fs = std::filesystem;
 using Type = DeepPicture::Channel::Type;
 
+constexpr int kZipLevel = 2;           // 4 % larger than by 4, in half the time
 constexpr int kRows = 32;             // that are read and written together
 constexpr double kMostPacked = 1100;  // times that deflate makes anything smaller
 
@@ -210,6 +211,7 @@ void write_deep_exr(const fs::path& path, const DeepPicture& picture, const Task
     Imf::Header header(box_of(picture.display), data);
     header.setType(Imf::DEEPSCANLINE);
     header.compression() = Imf::ZIPS_COMPRESSION;
+    header.zipCompressionLevel() = kZipLevel;
     for (const auto& [name, channel] : picture.channels)
       header.channels().insert(name, Imf::Channel(type_in_file(channel.type)));
     for (const auto& [name, value] : picture.header)

@@ -6,9 +6,10 @@
 namespace brume {
 namespace {
 
-constexpr float kThinStep = 1.0f / 1024;  // opacity of steps that are joined
+constexpr float kThinStep = 1.0f / 400;  // opacity of steps that are joined
 constexpr float kBoundOfOne = 6.4e-3f;  // over the most parts: of transmittance, and of light as a share of the pixel's
 constexpr double kSameDepth = 0.02;     // of the distance: hits of one surface in one pixel that are one point
+constexpr int kSweeps = 3;              // over the knots of a pixel that has as many parts as it may
 constexpr float kNothing = 1e-7f;       // transmittance
 
 float sum(const vec3& v) {
@@ -185,6 +186,25 @@ bool DeepPixels::is_empty(const Piece& p) const {
   return a.left - b.left < kNothing && std::abs(b.light_sum - a.light_sum) < kNothing;
 }
 
+/// Moves the knots between neighbouring pieces towards those with the larger error, by half of them, then by less.
+void DeepPixels::even_out() {
+  for (int sweep = 0; sweep < kSweeps; ++sweep)
+    for (size_t i = 0; i + 1 < pieces_.size(); ++i) {
+      Piece &a = pieces_[i], &b = pieces_[i + 1];
+      if (a.to != b.from) continue;
+      for (size_t part = 2; part <= 8; part *= 2) {
+        const bool first = a.error > b.error;
+        const size_t step = (first ? a.to - a.from : b.to - b.from) / part, knot = first ? a.to - step : a.to + step;
+        if (step == 0) break;
+        const Piece front = piece(a.from, knot), back = piece(knot, b.to);
+        if (std::max(front.error, back.error) >= std::max(a.error, b.error)) continue;
+        a = front;
+        b = back;
+        break;
+      }
+    }
+}
+
 std::vector<DeepPart> DeepPixels::mean(std::span<const std::vector<DeepPart>> pixels, size_t most) {
   make_knots(pixels);
   if (places_.empty()) return {};
@@ -219,6 +239,7 @@ std::vector<DeepPart> DeepPixels::mean(std::span<const std::vector<DeepPart>> pi
     add(cut.worst, cut.to);
   }
   std::sort(pieces_.begin(), pieces_.end(), [](const Piece& a, const Piece& b) { return a.from < b.from; });
+  if (parts >= most) even_out();
   std::vector<DeepPart> result;
   for (const Piece& p : pieces_) {
     const Knot &a = knots_[p.from], &b = knots_[p.to];

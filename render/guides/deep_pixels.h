@@ -96,6 +96,7 @@ class DeepPixels {
   void add_up(std::span<const std::vector<DeepPart>> pixels);
   Piece piece(size_t from, size_t to) const;
   bool is_empty(const Piece& piece) const;
+  void even_out();
 
   std::vector<std::vector<DeepPart>> profiles_;
   std::vector<Hit> hits_;
