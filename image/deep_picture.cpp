@@ -184,6 +184,24 @@ std::vector<double> composited(const DeepPixel& pixel, float before) {
   return sums;
 }
 
+void recolour(DeepPicture& picture, const Layers& from, const Layers& to) {
+  for (const char* const name : {"R", "G", "B"}) {
+    float* const values = picture.channels.at(name).values.data();
+    const std::string alpha_name = alpha_of(picture, name);
+    const float* const alpha = picture.channels.at(alpha_name).values.data();
+    const Plane &old_flat = from.at(name), &new_flat = to.at(name), &cover = from.at(alpha_name);
+    for (int y = 0; y < from.height(); ++y)
+      for (int x = 0; x < from.width(); ++x) {
+        const auto [first, end] = picture.range(static_cast<size_t>(y) * from.width() + x);
+        const float before = old_flat(x, y), after = new_flat(x, y), factor = after / before;
+        if (before > 0 && std::isfinite(factor))
+          for (size_t i = first; i < end; ++i) values[i] *= factor;
+        else if (cover(x, y) > 0)
+          for (size_t i = first; i < end; ++i) values[i] = alpha[i] * after / cover(x, y);
+      }
+  }
+}
+
 Layers flattened(const DeepPicture& picture, float before) {
   const DeepPicture::Channel* const z = picture.find("Z");
   if (!z) throw InputError("deep pixels without a channel Z; expected the depth of each sample");

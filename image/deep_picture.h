@@ -67,6 +67,11 @@ void make_tidy(DeepPixel& pixel);
 /// What a tidy pixel shows in front of a depth: each of its numbers from alpha on, composited front to back.
 std::vector<double> composited(const DeepPixel& pixel, float before);
 
+/// Gives a picture the colours that another flat one has: each sample's red, green and blue change as the pixel's do;
+/// where a pixel had none they are shared as the samples cover it. Depths and alphas stay.
+/// @param from  flattened(picture)   @param to  the same size, R G B
+void recolour(DeepPicture& picture, const Layers& from, const Layers& to);
+
 /// The picture seen from the front: every channel but Z and ZBack composited, those of whole numbers left out. With
 /// alpha for each colour (AR, AG, AB) those count, and A, where it is missing, is their mean.
 /// @param before  only what is in front of this depth

@@ -4,8 +4,11 @@
 
 #include <algorithm>
 #include <cmath>
+#include <limits>
+#include <optional>
 
 #include "base/error.h"
+#include "base/output_file.h"
 #include "base/parallel_for.h"
 #include "image/exr_deep.h"
 
@@ -14,6 +17,8 @@ namespace {
 
 using Type = DeepPicture::Channel::Type;
 
+constexpr double kCovers = 1e-3;  // of a pixel
+
 /// A pixel's samples as they are stored.
 struct Sample {
   float z, z_back, alpha;
@@ -21,21 +26,31 @@ struct Sample {
 };
 
 /// Light of each part: the pixel's, shared as the predicted light of each colour is; where none was predicted, as that
-/// of all colours, or as what covers the pixel.
+/// of all colours, or as what covers the pixel. Parts of which no light is known get what the others leave.
 std::vector<dvec3> shared_light(std::span<const DeepPart> parts, const dvec3& light) {
   std::vector<dvec3> shares(parts.size());
   dvec3 all(0);
   double covered = 0, left = 1;
+  double unknown = 0;  // part of what is covered
   std::vector<double> cover(parts.size());
   for (size_t i = 0; i < parts.size(); ++i) {
     all += glm::max(dvec3(parts[i].light), 0.0);
     cover[i] = left - static_cast<double>(parts[i].left);
     covered += cover[i];
+    if (parts[i].light == vec3(0)) unknown += cover[i];
     left = parts[i].left;
   }
   const double grey = all.x + all.y + all.z;
   for (size_t i = 0; i < parts.size(); ++i) {
     const dvec3 own = glm::max(dvec3(parts[i].light), 0.0);
+    if (unknown > kCovers) {
+      const dvec3 known = glm::min(all, glm::max(light, 0.0));
+      for (int c = 0; c < 3; ++c)
+        shares[i][c] = own == dvec3(0) ? (light[c] - known[c]) * cover[i] / unknown
+                       : all[c] > 0    ? known[c] * own[c] / all[c]
+                                       : 0;
+      continue;
+    }
     for (int c = 0; c < 3; ++c)
       shares[i][c] = light[c] * (all[c] > 0    ? own[c] / all[c]
                                  : grey > 0    ? (own.x + own.y + own.z) / grey
@@ -58,6 +73,14 @@ void store_pixel(std::span<const DeepPart> parts, const dvec3& light, std::vecto
     const auto alpha = static_cast<float>(std::clamp(1 - static_cast<double>(part.left) / left, 0.0, 1.0));
     samples.push_back({part.z, part.z_back, alpha, vec3(shares[i] / left)});
     left *= 1 - static_cast<double>(alpha);
+  }
+}
+
+Layers flattened_file(const DeepPicture& picture, const std::filesystem::path& path, float before) {
+  try {
+    return flattened(picture, before);
+  } catch (const InputError& error) {
+    throw InputError(fmt::format("{}: {}", path.string(), error.what()));
   }
 }
 
@@ -98,13 +121,34 @@ DeepPicture deep_frame(const DeepRecord& record, Layers& frame, Type type) {
   return picture;
 }
 
+void denoise_deep(const FrameFiles& files, const DenoiseOptions& options, const Host& host) {
+  const std::string path = files.frame.string();
+  if (options.file.asked() || !files.records.empty() || !files.second.empty() || options.filters.size() > 1)
+    throw InputError(fmt::format(
+        "{}: holds deep pixels, which one filter cleans through their flat picture; expected no map, suffix, "
+        "records or second half",
+        path));
+  std::vector<std::filesystem::path> inputs = {files.frame, files.guides};
+  check_writable(files.output, inputs, ".exr");
+  if (!files.preview.empty()) check_writable(files.preview, inputs, ".png");
+  DeepPicture deep = read_deep_exr(files.frame, host.silent());
+  for (const char* const colour : {"R", "G", "B"})
+    if (!deep.find(colour))
+      throw InputError(fmt::format("{}: its deep pixels have no channel {}; expected R, G and B", path, colour));
+  const Layers all = flattened_file(deep, files.frame, std::numeric_limits<float>::infinity());
+  const Layers flat = part_of(all, {"R", "G", "B", "A"});
+  std::optional<NamedFrame> guides;
+  if (!files.guides.empty()) guides = read_guides(files.guides.string());
+  const Layers clean = denoise_frame(flat, guides ? &*guides : nullptr, options, host);
+  recolour(deep, all, clean);
+  for (const auto& [name, value] : clean.header)
+    if (!deep.header.contains(name)) deep.header[name] = value;
+  write_deep_exr(files.output, deep, host.silent());
+  if (!files.preview.empty()) options.picture.write(files.preview, clean);
+}
+
 Layers flattened_file(const std::filesystem::path& deep, float before, const Host& host) {
-  const DeepPicture picture = read_deep_exr(deep, host.silent());
-  try {
-    return flattened(picture, before);
-  } catch (const InputError& error) {
-    throw InputError(fmt::format("{}: {}", deep.string(), error.what()));
-  }
+  return flattened_file(read_deep_exr(deep, host.silent()), deep, before);
 }
 
 }  // namespace brume

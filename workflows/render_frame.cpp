@@ -261,9 +261,9 @@ class Ready {
 /// The options of one frame of a sequence: its names, its number.
 RenderOptions of_frame(const RenderOptions& sequence, int frame) {
   RenderOptions options = sequence;
-  for (fs::path RenderOptions::*name : {&RenderOptions::output, &RenderOptions::preview, &RenderOptions::records,
-                                        &RenderOptions::checkpoint, &RenderOptions::resume, &RenderOptions::updates,
-                                        &RenderOptions::deep})
+  for (fs::path RenderOptions::*name :
+       {&RenderOptions::output, &RenderOptions::preview, &RenderOptions::records, &RenderOptions::checkpoint,
+        &RenderOptions::resume, &RenderOptions::updates, &RenderOptions::deep})
     options.*name = file_of_frame(options.*name, frame);
   options.overrides.push_back(fmt::format("render.frame={}", frame));
   if (options.fixed_seed) options.overrides.push_back("render.noise_frame=0");

@@ -61,6 +61,9 @@ class Guides {
   template <class Visit>
   void for_each_march(const Camera& camera, bool sketch, const Task& task, const Visit& visit) const;
   LightFields solved(GuideColour colour, const Task& task) const;
+  /// The deep pixels of a scene without media; of surfaces it is not known what they reflect.
+  void record_surfaces(const Camera& camera, const ivec2& corner, const ivec2& size, DeepRecord& deep,
+                       const Task& task) const;
 
   const PathContext context_;
   std::vector<GuideMedia> media_;     // one for each time of the shutter that rays are marched at
