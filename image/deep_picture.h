@@ -9,6 +9,15 @@
 
 namespace brume {
 
+/// Where along the camera's axis what is seen of a pixel lies, surfaces and media by what they cover: without noise,
+/// from the march of guides.
+namespace layer {
+inline constexpr LayerName depth_mean{"depth_mean", "Z", "mean depth of what is seen; 1e10 where nothing covers"};
+inline constexpr LayerName depth_half{"depth_half", "Z", "depth in front of which half of what covers the pixel lies"};
+inline constexpr LayerName depth_first{"depth_first", "Z", "depth in front of which a hundredth of it lies"};
+inline constexpr LayerName mist{"mist", "Y", "0 near, 1 far: render.mist_start, mean by what covers, 1 behind it"};
+}  // namespace layer
+
 /// A picture whose pixels hold samples at several depths, as deep OpenEXR files do ("Interpreting OpenEXR Deep
 /// Pixels").
 ///

@@ -17,7 +17,7 @@ namespace {
 
 using Type = DeepPicture::Channel::Type;
 
-constexpr double kCovers = 1e-3;  // of a pixel
+constexpr double kCovers = 1e-3, kNothing = 1e-6;  // of a pixel
 
 /// A pixel's samples as they are stored.
 struct Sample {
@@ -119,6 +119,47 @@ DeepPicture deep_frame(const DeepRecord& record, Layers& frame, Type type) {
       for (const Sample& s : row) *to++ = value(s);
   }
   return picture;
+}
+
+void add_depths(const DeepRecord& record, const RenderSettings& settings, Layers& frame) {
+  const auto plane = [&](const LayerName& l) -> Plane& { return frame.add(l.channel(0)); };
+  Plane &mean = plane(layer::depth_mean), &half = plane(layer::depth_half), &first = plane(layer::depth_first),
+        &mist = plane(layer::mist);
+  const auto mist_at = [&](double z) {
+    const double share = std::clamp((z - settings.mist_start) / settings.mist_depth, 0.0, 1.0);
+    return settings.mist_falloff == "linear"      ? share
+           : settings.mist_falloff == "quadratic" ? share * share
+                                                  : std::sqrt(share);
+  };
+  parallel_for(frame.height(), {}, [&](int y) {
+    for (int x = 0; x < frame.width(); ++x) {
+      const std::vector<DeepPart> parts = record.parts({x, y});
+      const double covered = parts.empty() ? 0 : 1 - static_cast<double>(parts.back().left);
+      mean(x, y) = half(x, y) = first(x, y) = kDeepBackground;
+      mist(x, y) = 1;
+      if (!(covered > kNothing)) continue;
+      double sum = 0, all_mist = 1 - covered, left = 1;
+      for (const DeepPart& part : parts) {
+        const double cover = left - static_cast<double>(part.left), length = part.z_back - part.z;
+        if (!(cover > 0)) continue;
+        const double share = cover / left, depth = -std::log1p(-std::min(share, 1 - 1e-9));
+        const auto z_at = [&](double of_cover) {  // in front of which a share of the pixel lies
+          return part.z + length * std::clamp(-std::log1p(-std::min(of_cover / left, 1 - 1e-9)) / depth, 0.0, 1.0);
+        };
+        // The mean of an exponential that ends.
+        const double middle = part.z + length * (share < 1e-4 ? 0.5 : 1 / depth - (1 - share) / share);
+        sum += cover * middle;
+        all_mist += cover * mist_at(middle);
+        const double before = 1 - left, behind = before + cover;
+        for (const auto& [at, to] : {std::pair(0.5, &half), {0.01, &first}})
+          if (at * covered >= before && at * covered < behind)
+            (*to)(x, y) = static_cast<float>(z_at(at * covered - before));
+        left = part.left;
+      }
+      mean(x, y) = static_cast<float>(sum / covered);
+      mist(x, y) = static_cast<float>(all_mist);
+    }
+  });
 }
 
 void denoise_deep(const FrameFiles& files, const DenoiseOptions& options, const Host& host) {

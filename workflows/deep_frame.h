@@ -3,6 +3,7 @@
 
 #include "image/deep_picture.h"
 #include "render/guides/deep_pixels.h"
+#include "render/scene/scene.h"
 #include "workflows/denoise_frame.h"
 #include "workflows/host.h"
 
@@ -13,6 +14,9 @@ namespace brume {
 /// noise. Samples are tidy, colours multiplied by their alpha, depths are along the camera's axis.
 /// @param type  of colours; alpha and depths are floats, as a half cannot tell a thick volume from a wall
 DeepPicture deep_frame(const DeepRecord& parts, Layers& frame, DeepPicture::Channel::Type type);
+
+/// Adds the layers depth_mean, depth_half, depth_first and mist (image/deep_picture.h) to a frame.
+void add_depths(const DeepRecord& parts, const RenderSettings& settings, Layers& frame);
 
 /// Cleans a deep EXR of whichever program: its flat picture is cleaned as a frame in memory is, its samples keep depth
 /// and alpha and take the clean picture's colours (recolour).

@@ -126,7 +126,7 @@ struct Setup {
     scene.render.seed = o.seed.value_or(scene.render.seed);
     layers.records = !o.records.empty();
     if (!o.clean_filter.empty()) set_cleaner();
-    if (!o.deep.empty()) set_deep();
+    if (!o.deep.empty() || layers.depths) set_deep();
     set_job();
   }
 
@@ -142,7 +142,9 @@ struct Setup {
   }
 
   void set_deep() {
-    if (options.part) throw InputError("--deep: a part has not all samples of the picture; expected it without --part");
+    if (options.part)
+      throw InputError(
+          "a part has not all samples of the picture; expected --deep and the layers depths without --part");
     drop_guides = !cleaner && !layers.guides;
     layers.guides = true;
     job.deep_samples = options.deep_samples;
@@ -316,11 +318,14 @@ double mean_samples(const Film& film) {
   return taken / pixels;
 }
 
-/// The deep picture, whose alpha the frame gets; it loses the guides that nobody asked for.
-void write_deep(const Setup& s, const DeepRecord& parts, Layers& frame) {
+/// What the march of guides tells of depths: layers, and a deep picture, whose alpha the frame gets. The frame loses
+/// the guides that nobody asked for.
+void use_depths(const Setup& s, const DeepRecord& parts, Layers& frame) {
   using Type = DeepPicture::Channel::Type;
-  write_deep_exr(s.options.deep, deep_frame(parts, frame, s.options.deep_float ? Type::kFloat : Type::kHalf),
-                 s.host.silent());
+  if (s.layers.depths) add_depths(parts, s.scene.render, frame);
+  if (!s.options.deep.empty())
+    write_deep_exr(s.options.deep, deep_frame(parts, frame, s.options.deep_float ? Type::kFloat : Type::kHalf),
+                   s.host.silent());
   if (!s.drop_guides) return;
   for (const std::string& name : frame.names())
     if (name.starts_with("guide.")) frame.remove(name);
@@ -381,7 +386,7 @@ RenderedFrame render_frame(const RenderOptions& options, const Host& host) {
     result.layers = s.cleaner->clean_with_parts(std::move(result.layers));
     if (watcher) watcher->show(result.layers);
   }
-  if (result.deep) write_deep(s, *result.deep, result.layers);
+  if (result.deep) use_depths(s, *result.deep, result.layers);
   if (updated)
     updated->show(result.layers, result.report.mean_samples_per_pixel,
                   s.cleaner ? clean_error_of(s) : result.report.error, true);

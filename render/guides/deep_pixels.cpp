@@ -166,7 +166,7 @@ void DeepPixels::add_up(std::span<const std::vector<DeepPart>> pixels) {
 
 /// With the knot where it is farthest from what lies between.
 DeepPixels::Piece DeepPixels::piece(size_t from, size_t to) const {
-  Piece p{from, to, from, 0};
+  Piece p{from, to, from, 0, 0};
   const Knot &a = knots_[from], &b = knots_[to];
   if (to - from < 2 || !(b.z > a.z)) return p;
   const float per_z = 1 / (b.z - a.z), depth = b.log_left - a.log_left, taken = a.left - b.left;
@@ -176,6 +176,7 @@ DeepPixels::Piece DeepPixels::piece(size_t from, size_t to) const {
     const float share = taken > kNothing ? (a.left - left) / taken : f;
     const float error =
         std::max(std::abs(left - k.left), std::abs(a.light_sum + share * (b.light_sum - a.light_sum) - k.light_sum));
+    if (std::abs(left - k.left) > std::abs(p.above)) p.above = left - k.left;
     if (error > p.error) p.error = error, p.worst = m;
   }
   return p;
@@ -203,6 +204,16 @@ void DeepPixels::even_out() {
         break;
       }
     }
+}
+
+/// Between pieces that are both too large, or too small, in their middles their common knot takes half of it.
+void DeepPixels::share_errors() {
+  for (size_t i = 0; i + 1 < pieces_.size(); ++i) {
+    const Piece &a = pieces_[i], &b = pieces_[i + 1];
+    if (a.to != b.from || a.above * b.above <= 0) continue;
+    float& left = knots_[a.to].left;
+    left = std::clamp(left - 0.25f * (a.above + b.above), knots_[b.to].left, knots_[a.from].left);
+  }
 }
 
 std::vector<DeepPart> DeepPixels::mean(std::span<const std::vector<DeepPart>> pixels, size_t most) {
@@ -239,7 +250,10 @@ std::vector<DeepPart> DeepPixels::mean(std::span<const std::vector<DeepPart>> pi
     add(cut.worst, cut.to);
   }
   std::sort(pieces_.begin(), pieces_.end(), [](const Piece& a, const Piece& b) { return a.from < b.from; });
-  if (parts >= most) even_out();
+  if (parts >= most) {
+    even_out();
+    share_errors();
+  }
   std::vector<DeepPart> result;
   for (const Piece& p : pieces_) {
     const Knot &a = knots_[p.from], &b = knots_[p.to];

@@ -83,7 +83,8 @@ class DeepPixels {
   /// From a knot to another: a part.
   struct Piece {
     size_t from, to, worst;
-    float error;
+    float error;  ///< there
+    float above;  ///< by how much its transmittance is too large where that is farthest off
   };
   /// What ends rays at nearly the same depth.
   struct Hit {
@@ -97,6 +98,7 @@ class DeepPixels {
   Piece piece(size_t from, size_t to) const;
   bool is_empty(const Piece& piece) const;
   void even_out();
+  void share_errors();
 
   std::vector<std::vector<DeepPart>> profiles_;
   std::vector<Hit> hits_;
