@@ -14,7 +14,7 @@ namespace brume {
 
 namespace {
 
-constexpr const char *kGuides = "guides", kDepths = "depths", *kLightParts = "light_parts";
+constexpr const char *kGuides = "guides", *kDepths = "depths", *kLightParts = "light_parts";
 
 }
 
