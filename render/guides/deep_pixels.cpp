@@ -10,7 +10,8 @@ constexpr float kThinStep = 1.0f / 400;  // opacity of steps that are joined
 constexpr float kBoundOfOne = 6.4e-3f;  // over the most parts: of transmittance, and of light as a share of the pixel's
 constexpr double kSameDepth = 0.02;     // of the distance: hits of one surface in one pixel that are one point
 constexpr int kSweeps = 3;              // over the knots of a pixel that has as many parts as it may
-constexpr float kNothing = 1e-7f;       // transmittance
+constexpr float kNothing = 1e-6f;       // transmittance: of a volume less would be a wall in single precision
+constexpr float kMostShift = 0.1f;      // of a knot's transmittance
 
 float sum(const vec3& v) {
   return v.x + v.y + v.z;
@@ -212,7 +213,8 @@ void DeepPixels::share_errors() {
     const Piece &a = pieces_[i], &b = pieces_[i + 1];
     if (a.to != b.from || a.above * b.above <= 0) continue;
     float& left = knots_[a.to].left;
-    left = std::clamp(left - 0.25f * (a.above + b.above), knots_[b.to].left, knots_[a.from].left);
+    const float shift = std::clamp(0.25f * (a.above + b.above), -kMostShift * left, kMostShift * left);
+    left = std::clamp(left - shift, knots_[b.to].left, knots_[a.from].left);
   }
 }
 
@@ -261,7 +263,7 @@ std::vector<DeepPart> DeepPixels::mean(std::span<const std::vector<DeepPart>> pi
       result.back() = {result.back().z, b.z, b.left, result.back().light + b.light - a.light};
       continue;
     }
-    result.push_back({a.z, b.z, b.left, b.light - a.light});
+    result.push_back({a.z, b.z, a.z < b.z ? std::max(b.left, kNothing) : b.left, b.light - a.light});
   }
   return result;
 }
