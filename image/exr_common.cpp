@@ -14,8 +14,11 @@
 #include <fmt/format.h>
 #include <libdeflate.h>
 
-#include <fstream>
+#include <algorithm>
+#include <cerrno>
+#include <cstring>
 #include <memory>
+#include <stdexcept>
 
 #include "base/error.h"
 #include "base/parallel_for.h"
@@ -25,6 +28,14 @@ namespace brume {
 namespace fs = std::filesystem;
 
 namespace {
+
+// Written by the library itself or describing the pixels' packing: not ours to copy.
+bool is_structural(const std::string& name) {
+  static const char* const names[] = {"channels",          "compression", "dataWindow",       "displayWindow",
+                                      "lineOrder",         "type",        "pixelAspectRatio", "screenWindowCenter",
+                                      "screenWindowWidth", "tiles",       "chunkCount",       "fileChecksum"};
+  return std::any_of(std::begin(names), std::end(names), [&](const char* n) { return name == n; });
+}
 
 /// Refuses channel lists that are not in the order of their names, as the format wants them. OpenEXR sorts what it
 /// reads and takes the pixels in that order: a damaged name would give one channel's values to another.
@@ -101,7 +112,7 @@ bool is_deep(const Imf::Header& header) {
 }
 
 void fail_deep(const fs::path& path, const std::string& part) {
-  throw InputError(fmt::format("{}: {} holds deep pixels; brume reads flat images", path.string(), part));
+  throw InputError(fmt::format("{}: {} holds deep pixels; expected flat ones, as brume flatten makes of them", path.string(), part));
 }
 
 void check_first_chunk(Imf::InputPart& part, const fs::path& path) {
@@ -178,6 +189,58 @@ void insert_attribute(Imf::Header& header, const std::string& name, const Attrib
     const auto at = [&](size_t k) { return Imath::V2f((*c)[k], (*c)[k + 1]); };
     header.insert(name, Imf::ChromaticitiesAttribute(Imf::Chromaticities(at(0), at(2), at(4), at(6))));
   }
+}
+
+std::map<std::string, Attribute> exr_attributes(const Imf::Header& header, bool one_of_several) {
+  std::map<std::string, Attribute> result;
+  for (auto it = header.begin(); it != header.end(); ++it) {
+    const std::string name = it.name();
+    if (is_structural(name) || (one_of_several && (name == "name" || name == "view"))) continue;
+    const Imf::Attribute& attribute = it.attribute();
+    if (const auto* s = dynamic_cast<const Imf::StringAttribute*>(&attribute)) result[name] = s->value();
+    if (const auto* i = dynamic_cast<const Imf::IntAttribute*>(&attribute)) result[name] = i->value();
+    if (const auto* f = dynamic_cast<const Imf::FloatAttribute*>(&attribute)) result[name] = f->value();
+    if (const auto* m = dynamic_cast<const Imf::M44fAttribute*>(&attribute)) {
+      std::array<float, 16> values;
+      for (size_t i = 0; i < 16; ++i) values[i] = m->value()[static_cast<int>(i / 4)][i % 4];
+      result[name] = values;
+    }
+    if (const auto* c = dynamic_cast<const Imf::ChromaticitiesAttribute*>(&attribute)) {
+      const Imf::Chromaticities& v = c->value();
+      result[name] = Chromaticities{v.red.x, v.red.y, v.green.x, v.green.y, v.blue.x, v.blue.y, v.white.x, v.white.y};
+    }
+    if (const auto* e = dynamic_cast<const Imf::EnvmapAttribute*>(&attribute); e && name == kEnvmap)
+      result[name] = std::string(e->value() == Imf::ENVMAP_CUBE ? kCube : "latlong");
+  }
+  return result;
+}
+
+ExrOutputStream::ExrOutputStream(const fs::path& path) : Imf::OStream(path.c_str()), file_(path, std::ios::binary) {
+  check();
+}
+
+void ExrOutputStream::write(const char bytes[], int count) {
+  file_.write(bytes, count);
+  check();
+}
+
+void ExrOutputStream::seekp(uint64_t position) {
+  file_.seekp(static_cast<std::streamoff>(position));
+  check();
+}
+
+void ExrOutputStream::close() {
+  file_.close();
+  check();
+}
+
+void ExrOutputStream::check() const {
+  if (!file_) throw std::runtime_error(std::strerror(errno));
+}
+
+half to_half(float value) {
+  return std::isfinite(value) ? half(std::clamp(value, -static_cast<float>(HALF_MAX), static_cast<float>(HALF_MAX)))
+                              : half(value);
 }
 
 Imath::Box2i box_of(const PixelWindow& w) {

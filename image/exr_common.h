@@ -1,10 +1,14 @@
 #pragma once
 #include <ImfFrameBuffer.h>
 #include <ImfHeader.h>
+#include <ImfIO.h>
 #include <ImfInputPart.h>
 #include <ImfMultiPartInputFile.h>
+#include <half.h>
 
 #include <filesystem>
+#include <fstream>
+#include <map>
 #include <string>
 
 #include "image/layers.h"
@@ -44,6 +48,27 @@ inline constexpr const char *kEnvmap = "envmap", *kCube = "cube";
 
 /// Adds an attribute, or replaces one of that name.
 void insert_attribute(Imf::Header& header, const std::string& name, const Attribute& value);
+
+/// What of a header is a property of the frame: what the library writes itself, or how pixels are packed, is not.
+/// @param one_of_several  the part's own name and view are no properties of the whole frame
+std::map<std::string, Attribute> exr_attributes(const Imf::Header& header, bool one_of_several = false);
+
+/// A file that OpenEXR writes to and whose errors are not lost when it is closed.
+class ExrOutputStream : public Imf::OStream {
+ public:
+  explicit ExrOutputStream(const std::filesystem::path& path);
+  void write(const char bytes[], int count) override;
+  uint64_t tellp() override { return static_cast<uint64_t>(file_.tellp()); }
+  void seekp(uint64_t position) override;
+  void close();
+
+ private:
+  void check() const;
+  std::ofstream file_;
+};
+
+/// To nearest, its largest finite value for more; NaN and infinities stay.
+half to_half(float value);
 
 Imath::Box2i box_of(const PixelWindow& w);
 PixelWindow window_of(const Imath::Box2i& b);

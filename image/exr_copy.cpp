@@ -20,7 +20,6 @@
 #include <fmt/format.h>
 
 #include <algorithm>
-#include <cerrno>
 #include <cmath>
 #include <cstring>
 #include <fstream>
@@ -38,31 +37,6 @@ namespace brume {
 namespace {
 
 namespace fs = std::filesystem;
-
-/// A file that OpenEXR writes to and whose errors are not lost when it is closed.
-class OutputStream : public Imf::OStream {
- public:
-  explicit OutputStream(const fs::path& path) : Imf::OStream(path.c_str()), file_(path, std::ios::binary) { check(); }
-  void write(const char bytes[], int count) override {
-    file_.write(bytes, count);
-    check();
-  }
-  uint64_t tellp() override { return static_cast<uint64_t>(file_.tellp()); }
-  void seekp(uint64_t position) override {
-    file_.seekp(static_cast<std::streamoff>(position));
-    check();
-  }
-  void close() {
-    file_.close();
-    check();
-  }
-
- private:
-  void check() const {
-    if (!file_) throw std::runtime_error(std::strerror(errno));
-  }
-  std::ofstream file_;
-};
 
 /// The headers as they are stored: OpenEXR adds attributes to those that it hands out.
 std::vector<Imf::Header> stored_headers(const fs::path& path, int& version) {
@@ -88,11 +62,6 @@ struct PartPlan {
   std::vector<Change> changes;
   std::list<Plane> made;  // luminance and chroma
 };
-
-half to_half(float value) {
-  return std::isfinite(value) ? half(std::clamp(value, -static_cast<float>(HALF_MAX), static_cast<float>(HALF_MAX)))
-                              : half(value);
-}
 
 /// Room for some lines of every channel of a part, in their own types.
 class Lines {
@@ -386,7 +355,7 @@ void copy_part(Imf::MultiPartInputFile& in, int index, Imf::MultiPartOutputFile&
 }
 
 void copy_parts(Imf::MultiPartInputFile& in, const fs::path& from, const std::vector<PartPlan>& plans,
-                const std::vector<Imf::Header>& headers, bool several, OutputStream& stream, const Task& task) {
+                const std::vector<Imf::Header>& headers, bool several, ExrOutputStream& stream, const Task& task) {
   const int threads = Imf::globalThreadCount();
   if (!several) {
     const PartCopier copier(in, from, 0, plans[0], task);
@@ -436,7 +405,7 @@ ExrCopyReport copy_exr(const fs::path& from, const fs::path& to, std::span<const
   if (has_checksum) insert_attribute(headers[0], checksum, std::string(kNoChecksum));
   OutputFile output(to);
   try {
-    OutputStream stream(output.part());
+    ExrOutputStream stream(output.part());
     copy_parts(in, from, plans, headers, Imf::isMultiPart(version), stream, task);
     stream.close();
     if (has_checksum) write_checksum(output.part());

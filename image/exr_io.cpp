@@ -44,39 +44,6 @@ int packing_threads = 1;
 // That several parts may span together: a forged window would ask for all memory there is.
 constexpr double kMostPixelsOfParts = 1 << 30;
 
-// Written by the library itself or describing the pixels' packing: not ours to copy.
-bool is_structural(const std::string& name) {
-  static const char* const names[] = {"channels",          "compression", "dataWindow",       "displayWindow",
-                                      "lineOrder",         "type",        "pixelAspectRatio", "screenWindowCenter",
-                                      "screenWindowWidth", "tiles",       "chunkCount",       "fileChecksum"};
-  return std::any_of(std::begin(names), std::end(names), [&](const char* n) { return name == n; });
-}
-
-/// @param one_of_several  the part's own name and view are no properties of the whole frame
-std::map<std::string, Attribute> attributes(const Imf::Header& header, bool one_of_several = false) {
-  std::map<std::string, Attribute> result;
-  for (auto it = header.begin(); it != header.end(); ++it) {
-    const std::string name = it.name();
-    if (is_structural(name) || (one_of_several && (name == "name" || name == "view"))) continue;
-    const Imf::Attribute& attribute = it.attribute();
-    if (const auto* s = dynamic_cast<const Imf::StringAttribute*>(&attribute)) result[name] = s->value();
-    if (const auto* i = dynamic_cast<const Imf::IntAttribute*>(&attribute)) result[name] = i->value();
-    if (const auto* f = dynamic_cast<const Imf::FloatAttribute*>(&attribute)) result[name] = f->value();
-    if (const auto* m = dynamic_cast<const Imf::M44fAttribute*>(&attribute)) {
-      std::array<float, 16> values;
-      for (size_t i = 0; i < 16; ++i) values[i] = m->value()[static_cast<int>(i / 4)][i % 4];
-      result[name] = values;
-    }
-    if (const auto* c = dynamic_cast<const Imf::ChromaticitiesAttribute*>(&attribute)) {
-      const Imf::Chromaticities& v = c->value();
-      result[name] = Chromaticities{v.red.x, v.red.y, v.green.x, v.green.y, v.blue.x, v.blue.y, v.white.x, v.white.y};
-    }
-    if (const auto* e = dynamic_cast<const Imf::EnvmapAttribute*>(&attribute); e && name == kEnvmap)
-      result[name] = std::string(e->value() == Imf::ENVMAP_CUBE ? kCube : "latlong");
-  }
-  return result;
-}
-
 /// Places a frame where the file says, unless its data and display windows are one and begin at 0.
 void place(Layers& layers, const PixelWindow& data, const PixelWindow& display) {
   if (data == display && display.lo == ivec2(0)) return;
@@ -225,7 +192,7 @@ const ExrInfo& ExrFile::info() const try {
                                  static_cast<size_t>(part), c.name()});
     }
     if (part == 0 && Imf::hasMultiView(header)) info.views = Imf::multiView(header);
-    info.header.merge(attributes(header, file.parts() > 1));
+    info.header.merge(exr_attributes(header, file.parts() > 1));
   }
   return info_.emplace(std::move(info));
 } catch (const std::bad_alloc& error) {
@@ -326,7 +293,7 @@ Layers ExrFile::read(const std::function<bool(const std::string&)>& wanted) cons
     }
     if (window_of(header.displayWindow()) != display)
       throw InputError(fmt::format("{}: its parts differ in size; expected one size", path_.string()));
-    header_of_all.merge(attributes(header, file.parts() > 1));
+    header_of_all.merge(exr_attributes(header, file.parts() > 1));
     Part part = read_part(file, index, path_, wanted, bytes);
     if (!part.planes.empty()) parts.push_back(std::move(part));
   }
@@ -367,7 +334,7 @@ Layers read_exr_state(const fs::path& path, const Task& task) try {
   const Imath::Box2i data = header.dataWindow();
   const PixelWindow window = window_of(data);
   Layers layers(window.width(), window.height());
-  layers.header = attributes(header);
+  layers.header = exr_attributes(header);
   place(layers, window, window_of(header.displayWindow()));
   Imf::FrameBuffer frame;
   double bytes = 0;

@@ -19,6 +19,7 @@
 #include "filters/inputs/guide_layers.h"
 #include "image/exr_io.h"
 #include "image/foreign.h"
+#include "workflows/deep_frame.h"
 #include "workflows/finished_frame.h"
 #include "workflows/open_frame.h"
 #include "workflows/version.h"
@@ -138,6 +139,11 @@ class Denoiser {
       : options_(options), host_(host), sequence_(sequence) {}
 
   FrameEnd operator()(const FilesAt& asked) {
+    if (ExrFile(asked(0).frame).info().deep()) {
+      denoise_deep(asked(0), options_, host_);
+      if (host_.wrote) host_.wrote(asked(0).output);
+      return FrameEnd::kDone;
+    }
     const std::unique_ptr<OpenFrame> frame = open_frame(asked(0), options_, window_, host_);
     const std::string wrong = frame->what_forbids_guides();
     const FilesAt files_at = wrong.empty() ? asked : without_guides(asked);

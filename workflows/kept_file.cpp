@@ -317,8 +317,6 @@ std::unique_ptr<OpenFrame> open_kept_file(const FrameFiles& files, ExrFile& file
       std::none_of(how.suffix.begin(), how.suffix.end(), [](unsigned char c) { return std::isalnum(c); }))
     throw InputError(fmt::format("--suffix {}: expected letters or digits in it, as in _clean", how.suffix));
   const std::string path = files.frame.string();
-  if (info.deep())
-    throw InputError(fmt::format("{}: part '{}' holds deep pixels; brume reads flat images", path, info.parts[0].name));
   std::vector<ForeignFrame> pictures = pictures_of(path, info, how, !files.second.empty());
   const auto is_indirect = [](const ExrInfo::Channel& c) { return c.name == layer::indirect.channel(0); };
   if (pictures.empty() &&

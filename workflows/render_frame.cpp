@@ -8,11 +8,13 @@
 #include "base/error.h"
 #include "base/output_file.h"
 #include "base/sequence.h"
+#include "image/exr_deep.h"
 #include "image/exr_io.h"
 #include "render/scene/scene_io.h"
 #include "render/scene/scene_outline.h"
 #include "render/session/renderer.h"
 #include "workflows/clean.h"
+#include "workflows/deep_frame.h"
 #include "workflows/finished_frame.h"
 #include "workflows/scene.h"
 #include "workflows/version.h"
@@ -69,7 +71,7 @@ void check_outputs(const RenderOptions& o, const Scene& scene) {
   for (const VolumeSettings& volume : scene.volumes) inputs.push_back(volume.file);
   for (const SurfaceSettings& surface : scene.surfaces)
     inputs.insert(inputs.end(), {surface.file, surface.albedo_texture});
-  for (const fs::path& file : {o.checkpoint, o.updates})
+  for (const fs::path& file : {o.checkpoint, o.updates, o.deep})
     if (!file.empty()) check_writable(file, inputs, ".exr");
   inputs.push_back(o.resume);
   for (const auto& [file, ending] : {std::pair(&o.output, ".exr"), {&o.preview, ".png"}, {&o.records, ".records"}})
@@ -80,10 +82,11 @@ void check_outputs(const RenderOptions& o, const Scene& scene) {
   if (same(o.output, o.checkpoint))
     throw InputError(fmt::format("{}: is the checkpoint too, which the picture would replace; name another output",
                                  o.output.string()));
-  for (const fs::path& other : {o.output, o.checkpoint, o.resume})
-    if (same(o.updates, other))
-      throw InputError(
-          fmt::format("--updates {}: is another file of this command too; name one of its own", o.updates.string()));
+  for (const auto& [option, file] : {std::pair("--updates", &o.updates), {"--deep", &o.deep}})
+    for (const fs::path* other : {&o.output, &o.checkpoint, &o.resume, &o.updates})
+      if (other != file && same(*file, *other))
+        throw InputError(
+            fmt::format("{} {}: is another file of this command too; name one of its own", option, file->string()));
 }
 
 RenderJob::Crop parse_crop(const std::string& text, const FilmSettings& film) {
@@ -105,7 +108,8 @@ struct Setup {
   LayerRequest layers;
   RenderJob job;
   std::optional<Cleaner> cleaner;
-  bool open_ended;  // by time or error
+  bool open_ended;           // by time or error
+  bool drop_guides = false;  // which are made for the deep picture alone
 
   /// Whether samples go in rounds where the clean picture needs them.
   bool in_rounds() const { return options.time_limit > 0 || options.target_error > 0; }
@@ -122,6 +126,7 @@ struct Setup {
     scene.render.seed = o.seed.value_or(scene.render.seed);
     layers.records = !o.records.empty();
     if (!o.clean_filter.empty()) set_cleaner();
+    if (!o.deep.empty() || layers.depths) set_deep();
     set_job();
   }
 
@@ -134,6 +139,15 @@ struct Setup {
       throw InputError(fmt::format(
           "--target-error with --clean needs a filter that estimates its error, which {} does not; take transport_regression",
           options.clean_filter));
+  }
+
+  void set_deep() {
+    if (options.part)
+      throw InputError(
+          "a part has not all samples of the picture; expected --deep and the layers depths without --part");
+    drop_guides = !cleaner && !layers.guides;
+    layers.guides = true;
+    job.deep_samples = options.deep_samples;
   }
 
   void set_job() {
@@ -170,7 +184,7 @@ std::optional<std::string> why_to_render(const Setup& s) {
   std::string wrong = what_is_unfinished(s.options.output, s.scene, s.layers, asked,
                                          s.cleaner ? &s.cleaner->filter() : nullptr, s.host.silent());
   if (!wrong.empty()) return wrong;
-  for (const fs::path& beside : {s.options.preview, s.options.records})
+  for (const fs::path& beside : {s.options.preview, s.options.records, s.options.deep})
     if (!beside.empty() && !fs::exists(beside)) return fmt::format("{} is not there", beside.string());
   return std::nullopt;
 }
@@ -249,8 +263,9 @@ class Ready {
 /// The options of one frame of a sequence: its names, its number.
 RenderOptions of_frame(const RenderOptions& sequence, int frame) {
   RenderOptions options = sequence;
-  for (fs::path RenderOptions::*name : {&RenderOptions::output, &RenderOptions::preview, &RenderOptions::records,
-                                        &RenderOptions::checkpoint, &RenderOptions::resume, &RenderOptions::updates})
+  for (fs::path RenderOptions::*name :
+       {&RenderOptions::output, &RenderOptions::preview, &RenderOptions::records, &RenderOptions::checkpoint,
+        &RenderOptions::resume, &RenderOptions::updates, &RenderOptions::deep})
     options.*name = file_of_frame(options.*name, frame);
   options.overrides.push_back(fmt::format("render.frame={}", frame));
   if (options.fixed_seed) options.overrides.push_back("render.noise_frame=0");
@@ -301,6 +316,19 @@ double mean_samples(const Film& film) {
     pixels += film.bounds(tile).pixels();
   }
   return taken / pixels;
+}
+
+/// What the march of guides tells of depths: layers, and a deep picture, whose alpha the frame gets. The frame loses
+/// the guides that nobody asked for.
+void use_depths(const Setup& s, const DeepRecord& parts, Layers& frame) {
+  using Type = DeepPicture::Channel::Type;
+  if (s.layers.depths) add_depths(parts, s.scene.render, frame);
+  if (!s.options.deep.empty())
+    write_deep_exr(s.options.deep, deep_frame(parts, frame, s.options.deep_float ? Type::kFloat : Type::kHalf),
+                   s.host.silent());
+  if (!s.drop_guides) return;
+  for (const std::string& name : frame.names())
+    if (name.starts_with("guide.")) frame.remove(name);
 }
 
 std::optional<double> clean_error_of(const Setup& s) {
@@ -358,6 +386,7 @@ RenderedFrame render_frame(const RenderOptions& options, const Host& host) {
     result.layers = s.cleaner->clean_with_parts(std::move(result.layers));
     if (watcher) watcher->show(result.layers);
   }
+  if (result.deep) use_depths(s, *result.deep, result.layers);
   if (updated)
     updated->show(result.layers, result.report.mean_samples_per_pixel,
                   s.cleaner ? clean_error_of(s) : result.report.error, true);
@@ -393,7 +422,8 @@ SequenceEnd render_sequence(const RenderOptions& options, const std::vector<int>
       if (!fs::exists(own.scene)) throw InputError(fmt::format("{}: no such file", own.scene.string()));
       own.scene_text = made->text(own.scene.filename().string());
     }
-    for (const fs::path& name : {options.output, options.preview, options.records, options.checkpoint, options.updates})
+    for (const fs::path& name :
+         {options.output, options.preview, options.records, options.checkpoint, options.updates, options.deep})
       make_folder_of_frame(name, frame);
     return render_frame(own, host).end;
   });

@@ -50,6 +50,9 @@ struct RenderOptions {
   double time_limit = 0;     ///< RenderJob::time_limit
   double target_error = 0;   ///< relative error at which to stop, of the clean picture where one is made; 0: none
   std::filesystem::path output, preview, records, checkpoint, resume;  ///< empty: none
+  std::filesystem::path deep;  ///< deep EXR of the picture, clean where a filter cleans it; empty: none
+  int deep_samples = 16;       ///< that it has of each pixel, at most
+  bool deep_float = false;     ///< its colours are floats, not halves
   double checkpoint_seconds = 300;
   /// EXR of the picture, R G B A, again and again while it is rendered, and at the end: but for the first, after one
   /// sample, clean where a filter cleans it. Each replaces the one before as a whole, and Host::updated is told.

@@ -1,5 +1,6 @@
 #include <fmt/format.h>
 
+#include <algorithm>
 #include <filesystem>
 #include <fstream>
 #include <limits>
@@ -9,6 +10,7 @@
 #include "apps/cli/command.h"
 #include "base/error.h"
 #include "base/text.h"
+#include "image/exr_deep.h"
 #include "image/exr_io.h"
 #include "image/foreign.h"
 #include "volume/vdb_io.h"
@@ -149,6 +151,27 @@ void describe(const ForeignFrame& picture, std::string& text, json& list) {
   list.push_back(j);
 }
 
+/// How many samples deep pixels have, and at which depths; or why they cannot be read.
+void describe_deep(const std::string& path, std::string& text, json& j) try {
+  const DeepPicture deep = read_deep_exr(path, {0, {}, &interrupted});
+  const double pixels = static_cast<double>(deep.width()) * deep.height();
+  text += fmt::format("  deep: {} samples, {:.2f} in a pixel, {} at most", deep.samples(),
+                      static_cast<double>(deep.samples()) / pixels, deep.most_samples());
+  j["deep"] = {{"samples", deep.samples()}, {"most_samples", deep.most_samples()}};
+  const DeepPicture::Channel *const z = deep.find("Z"), *const back = deep.find("ZBack");
+  if (z && !z->values.empty()) {
+    const float nearest = *std::min_element(z->values.begin(), z->values.end());
+    const std::vector<float>& ends = (back ? back : z)->values;
+    const float farthest = *std::max_element(ends.begin(), ends.end());
+    text += fmt::format(", depths {:.6g} .. {:.6g}{}", nearest, farthest, back ? "" : ", all of them points");
+    j["deep"]["depths"] = {nearest, farthest};
+  }
+  text += "\n";
+} catch (const InputError& error) {
+  text += fmt::format("  deep: {}\n", error.what());
+  j["deep"] = {{"error", error.what()}};
+}
+
 /// The parts of a file that has several, and the views of one that names them.
 json describe_parts(const ExrInfo& info, std::string& text) {
   json parts = json::array();
@@ -181,8 +204,10 @@ int info_exr(const std::string& path, bool as_json) {
     text += fmt::format("  {} = {}\n", name, join(split(shown, '\n'), "\n      "));
   }
   const json parts = describe_parts(info, text);
-  json pictures = json::array();
-  if (!is_brume_frame(info)) {
+  json pictures = json::array(), deep;
+  if (std::any_of(info.parts.begin(), info.parts.end(), [](const ExrInfo::Part& p) { return p.deep(); }))
+    describe_deep(path, text, deep);
+  if (!is_brume_frame(info) && !info.deep()) {
     for (const ForeignFrame& picture : recognise(info)) describe(picture, text, pictures);
     if (pictures.empty())
       text += "  no picture is recognised in it: brume denoise --map says which layer is one (docs/frames.md)\n";
@@ -192,19 +217,18 @@ int info_exr(const std::string& path, bool as_json) {
     channels.push_back({{"name", c.name}, {"type", c.type}});
     text += fmt::format("  {:<36} {}\n", c.name, c.type);
   }
-  print(as_json ? json{{"file", path},
-                       {"kind", "exr"},
-                       {"width", info.width},
-                       {"height", info.height},
-                       {"data_window", {info.data.lo.x, info.data.lo.y, info.data.hi.x, info.data.hi.y}},
-                       {"views", info.views},
-                       {"parts", parts},
-                       {"pictures", pictures},
-                       {"channels", channels},
-                       {"header", header}}
-                          .dump(2, ' ', false, nlohmann::json::error_handler_t::replace) +
-                      "\n"
-                : text);
+  json all{{"file", path},
+           {"kind", "exr"},
+           {"width", info.width},
+           {"height", info.height},
+           {"data_window", {info.data.lo.x, info.data.lo.y, info.data.hi.x, info.data.hi.y}},
+           {"views", info.views},
+           {"parts", parts},
+           {"pictures", pictures},
+           {"channels", channels},
+           {"header", header}};
+  all.update(deep.is_null() ? json::object() : deep);
+  print(as_json ? all.dump(2, ' ', false, nlohmann::json::error_handler_t::replace) + "\n" : text);
   return kDone;
 }
 

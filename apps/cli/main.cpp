@@ -74,6 +74,7 @@ int run(int argc, char** argv) {
   add_guides(app, common, commands);
   add_merge(app, common, commands);
   add_mix(app, common, commands);
+  add_flatten(app, common, commands);
   add_submit(app, common, commands);
   add_denoise(app, common, commands);
   add_compare(app, common, commands);

@@ -85,6 +85,7 @@ int run_sequence(const Options& o, const RenderOptions& options, const Host& hos
                                  o.explain ? "--explain" : "--replay", frames[0]));
   for (const auto& [option, name] : {std::pair("-o", &options.output),
                                      {"--png", &options.preview},
+                                     {"--deep", &options.deep},
                                      {"--records", &options.records},
                                      {"--checkpoint", &options.checkpoint},
                                      {"--resume", &options.resume}})
@@ -129,12 +130,19 @@ void add_render(CLI::App& app, Common& common, Commands& commands) {
   command("--save-scene", r.save_scene, "of a bare volume: write the scene that is assumed, a TOML to edit");
   command("-o,--output,--outfile", r.output, "EXR to write");
   command("--png", r.preview, "also write the beauty as PNG");
+  command("--deep", r.deep,
+          "also write a deep EXR: the picture, clean with --clean, in samples at their depths along the camera's axis; "
+          "the frame's alpha becomes its own, which has no noise");
+  command("--deep-samples", r.deep_samples, "samples of each deep pixel, at most")
+      ->check(CLI::Range(1, 4096))
+      ->capture_default_str();
+  command("--deep-float", r.deep_float, "float colours in the deep EXR instead of half ones");
   add_picture_options(command, r.picture,
                       "of the PNG: a number, header (the scene's), or auto: the 99th luminance percentile becomes 1");
   command("--spp", o.spp, "paths per pixel instead of the scene's")->check(CLI::Range(1, 1 << 24));
   command("--seed", o.seed, "seed instead of the scene's")->check(CLI::NonNegativeNumber);
   command("-D", r.overrides, "set a key of the scene: -D camera.fov=30")->allow_extra_args(false);
-  command("--layers", o.layers, "layers to record, none, or all; with --clean direct,indirect unless given")
+  command("--layers", o.layers, "layers to record, none, or all; guides, depths and light_parts are several; with --clean direct,indirect unless given")
       ->capture_default_str();
   command("--no-statistics", o.no_statistics, "leave out mean_variance, half_a and half_b");
   command("--buckets", o.buckets, "record eight bucket means of each layer too");

@@ -32,6 +32,7 @@ ARGUMENT_TYPES = {
     "output": "Path | None",
     "png": "Path | None",
     "records": "Path | None",
+    "deep": "Path | None",
     "checkpoint": "Path | None",
     "resume": "Path | bool | None",
     "on_picture": "Callable[[Layers, dict[str, Any]], object] | None",

@@ -35,11 +35,12 @@ RenderOptions::Part to_part(const py::object& part) {
 }
 
 void set_files(RenderOptions& options, const py::object& output, const py::object& png, const py::object& records,
-               const py::object& checkpoint, double checkpoint_every, const py::object& resume,
+               const py::object& checkpoint, double checkpoint_every, const py::object& resume, const py::object& deep,
                const std::vector<int>& frames) {
   options.output = to_optional_path(output);
   options.preview = to_optional_path(png);
   options.records = to_optional_path(records);
+  options.deep = to_optional_path(deep);
   options.checkpoint = to_optional_path(checkpoint);
   if (!(checkpoint_every > 0))
     throw InputError(fmt::format("checkpoint_every: expected seconds above 0, found {}", checkpoint_every));
@@ -53,6 +54,7 @@ void set_files(RenderOptions& options, const py::object& output, const py::objec
   for (const auto& [argument, name] : {std::pair("output", &options.output),
                                        {"png", &options.preview},
                                        {"records", &options.records},
+                                       {"deep", &options.deep},
                                        {"checkpoint", &options.checkpoint},
                                        {"resume", &options.resume}})
     check_pattern(argument, *name, frames);
@@ -143,9 +145,9 @@ py::object render(const py::object& scene, const py::object& spp, const py::obje
                   bool statistics, bool buckets, const py::object& clean, const std::string& outliers,
                   const py::object& crop, const py::object& time, const py::object& target_error,
                   const py::object& part, const py::object& frames, bool fixed_seed, const py::object& output,
-                  const py::object& png, const py::object& records, const py::object& checkpoint,
-                  double checkpoint_every, const py::object& resume, const py::object& on_picture, int threads,
-                  const py::object& progress, const py::kwargs& keywords) {
+                  const py::object& png, const py::object& records, const py::object& deep, int deep_samples,
+                  const py::object& checkpoint, double checkpoint_every, const py::object& resume,
+                  const py::object& on_picture, int threads, const py::object& progress, const py::kwargs& keywords) {
   RenderOptions options;
   const SceneArgument argument(scene);
   const SceneChanges changes(keywords);
@@ -162,7 +164,9 @@ py::object render(const py::object& scene, const py::object& spp, const py::obje
   if (!part.is_none()) options.part = to_part(part);
   std::vector<int> numbers;
   if (!frames.is_none()) numbers = parse_frames(to_text(frames));
-  set_files(options, output, png, records, checkpoint, checkpoint_every, resume, numbers);
+  set_files(options, output, png, records, checkpoint, checkpoint_every, resume, deep, numbers);
+  if (deep_samples < 1) throw InputError(fmt::format("deep_samples: expected at least 1, found {}", deep_samples));
+  options.deep_samples = deep_samples;
   options.fixed_seed = fixed_seed;
   if (numbers.empty() && fixed_seed) throw InputError("fixed_seed is for frames: one frame has one seed");
   if (!numbers.empty() && options.output.empty())

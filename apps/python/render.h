@@ -11,9 +11,9 @@ py::object render(const py::object& scene, const py::object& spp, const py::obje
                   bool statistics, bool buckets, const py::object& clean, const std::string& outliers,
                   const py::object& crop, const py::object& time, const py::object& target_error,
                   const py::object& part, const py::object& frames, bool fixed_seed, const py::object& output,
-                  const py::object& png, const py::object& records, const py::object& checkpoint,
-                  double checkpoint_every, const py::object& resume, const py::object& on_picture, int threads,
-                  const py::object& progress, const py::kwargs& keywords);
+                  const py::object& png, const py::object& records, const py::object& deep, int deep_samples,
+                  const py::object& checkpoint, double checkpoint_every, const py::object& resume,
+                  const py::object& on_picture, int threads, const py::object& progress, const py::kwargs& keywords);
 
 std::string render_help(bool of_scene);
 
@@ -25,9 +25,10 @@ void add_render(Target& target, const std::string& help, const First&... first) 
              py::arg("clean") = false, py::arg("outliers") = "extreme", py::arg("crop") = py::none(),
              py::arg("time") = py::none(), py::arg("target_error") = py::none(), py::arg("part") = py::none(),
              py::arg("frames") = py::none(), py::arg("fixed_seed") = false, py::arg("output") = py::none(),
-             py::arg("png") = py::none(), py::arg("records") = py::none(), py::arg("checkpoint") = py::none(),
-             py::arg("checkpoint_every") = 300.0, py::arg("resume") = py::none(), py::arg("on_picture") = py::none(),
-             py::arg("threads") = 0, py::arg("progress") = py::none(), help.c_str());
+             py::arg("png") = py::none(), py::arg("records") = py::none(), py::arg("deep") = py::none(),
+             py::arg("deep_samples") = 16, py::arg("checkpoint") = py::none(), py::arg("checkpoint_every") = 300.0,
+             py::arg("resume") = py::none(), py::arg("on_picture") = py::none(), py::arg("threads") = 0,
+             py::arg("progress") = py::none(), help.c_str());
 }
 
 /// @throws InputError

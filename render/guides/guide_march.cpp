@@ -41,11 +41,12 @@ GuideMarch::GuideMarch(const PathContext& context, const std::vector<GuideMedia>
 }
 
 void GuideMarch::record(const std::vector<const GuideMarch*>& colours, const ivec2& corner, Layers& frame,
-                        const Task& task, const Marched& done) {
+                        const Task& task, const Marched& done, DeepRecord* deep) {
   const Lights& lights = *colours[0]->context_.lights;
   const std::optional<size_t> background = lights.group_of_background();
   std::vector<GuideLayers> layers;
-  for (const GuideMarch* const march : colours)
+  for (const GuideMarch* const march : colours) {
+    if (deep) deep->prepare(march->colour_);
     layers.emplace_back(frame, march->fields_.lights(), march->colour_,
                         GuideLayers::Contents{.emission = !march->media_[0].emissions().empty(),
                                               .surfaces = march->context_.surfaces != nullptr,
@@ -54,6 +55,7 @@ void GuideMarch::record(const std::vector<const GuideMarch*>& colours, const ive
                                               .tint = march->tint_,
                                               .light_groups = lights.groups(),
                                               .group_of_background = background ? lights.group_name(*background) : ""});
+  }
   const ivec2 size(frame.width(), frame.height()), count = (size + GuideTile::kSide - 1) / GuideTile::kSide;
   // By the distance of their middles from the window's, where somebody watches; else row by row.
   std::vector<std::pair<int, int>> order;
@@ -77,7 +79,7 @@ void GuideMarch::record(const std::vector<const GuideMarch*>& colours, const ive
           idle[c].pop_back();
         }
       }
-      if (!tile) tile = std::make_unique<GuideTile>(*colours[c]);
+      if (!tile) tile = std::make_unique<GuideTile>(*colours[c], deep);
       tile->record(corner, from, to, layers[c]);
       const std::lock_guard lock(mutex);
       idle[c].push_back(std::move(tile));

@@ -3,6 +3,7 @@
 #include <vector>
 
 #include "image/layers.h"
+#include "render/guides/deep_pixels.h"
 #include "render/guides/guide_sums.h"
 #include "render/guides/lit_surface.h"
 #include "render/guides/march_scene.h"
@@ -21,11 +22,14 @@ class GuideMarch {
   /// Told of pixels from..to of the window that are in the frame, from any thread, one at a time.
   using Marched = std::function<void(const ivec2& from, const ivec2& to)>;
   /// Adds the layers of the pixels from `corner` on to `frame`.
-  void record(const ivec2& corner, Layers& frame, const Task& task) const { record({this}, corner, frame, task, {}); }
+  /// @param deep  takes their parts; null: none are made
+  void record(const ivec2& corner, Layers& frame, const Task& task, DeepRecord* deep = nullptr) const {
+    record({this}, corner, frame, task, {}, deep);
+  }
   /// The same of several colours, tile by tile.
   /// @param done  null, or told of each tile; they come from the middle of the window outwards then
   static void record(const std::vector<const GuideMarch*>& colours, const ivec2& corner, Layers& frame,
-                     const Task& task, const Marched& done);
+                     const Task& task, const Marched& done, DeepRecord* deep = nullptr);
 
  private:
   friend class GuideTile;

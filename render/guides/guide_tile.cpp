@@ -2,6 +2,7 @@
 
 #include <algorithm>
 #include <cmath>
+#include <span>
 
 #include "render/guides/guide_layers.h"
 #include "render/guides/ray_march.h"
@@ -18,7 +19,8 @@ vec3 scaled(const dvec3& colour, double value) {
 
 }  // namespace
 
-GuideTile::GuideTile(const GuideMarch& march) : march_(march), lit_(march), mirrored_(march) {
+GuideTile::GuideTile(const GuideMarch& march, DeepRecord* deep)
+    : march_(march), lit_(march), mirrored_(march), deep_(deep), deep_rays_(deep ? kSide * kSide : 0) {
   for (int i = 0; i < kSide * kSide; ++i) pixels_.emplace_back(march.fields_.lights().size());
 }
 
@@ -46,7 +48,13 @@ void GuideTile::record(const ivec2& corner, const ivec2& from, const ivec2& to, 
   for (int y = from.y; y < to.y; ++y)
     for (int x = from.x; x < to.x; ++x, ++p) {
       pixels_[p].collect(march_.fields_, march_.node_fields_);
-      layers.store(x, y, pixels_[p], 1.0 / (traced_[p].across * traced_[p].across));
+      const auto count = static_cast<size_t>(traced_[p].across * traced_[p].across);
+      layers.store(x, y, pixels_[p], 1.0 / static_cast<double>(count));
+      if (deep_)
+        deep_->store(traced_[p].at, march_.colour_,
+                     deep_pixels_.of_rays(std::span(deep_rays_[p]).first(count),
+                                          vec3(pixels_[p].mirrored + pixels_[p].mirrored_indirect),
+                                          deep_->most(march_.colour_)));
     }
 }
 
@@ -62,6 +70,7 @@ void GuideTile::trace(const std::vector<size_t>& pixels, int across) {
 void GuideTile::trace_rays(const std::vector<size_t>& pixels, int ray, int across) {
   rays_.clear();
   batch_.clear();
+  batch_.deep = deep_ != nullptr;
   const double time = march_.rays_.sample(traced_[pixels[0]].at, ray, across).time;
   const MarchScene& scene = march_.scenes_[static_cast<size_t>(time * static_cast<double>(march_.scenes_.size()))];
   for (const size_t p : pixels) begin(p, ray, march_.rays_.sample(traced_[p].at, ray, across), scene);
@@ -76,11 +85,22 @@ void GuideTile::begin(size_t pixel, int number, const CameraSample& sample, cons
   const std::optional<SurfaceHit> hit = march_.rays_.first_hit(ray);
   const auto [light, distance] = march_.context_.lights->nearest(ray, hit ? hit->t : kFar, /*seen=*/true);
   rays_.push_back({pixel, number, sample, hit, light, distance});
-  scene.aim(ray,
-            light ? distance
-            : hit ? hit->t
-                  : kFar,
-            sample.stride, sample.offset, march_.fields_.lattice(), pixels_[pixel], batch_);
+  MarchedRay& marched = scene.aim(ray,
+                                  light ? distance
+                                  : hit ? hit->t
+                                        : kFar,
+                                  sample.stride, sample.offset, march_.fields_.lattice(), pixels_[pixel], batch_);
+  if (!deep_) return;
+  std::vector<DeepRay>& deep = deep_rays_[pixel];
+  if (deep.size() <= static_cast<size_t>(number)) deep.emplace_back();
+  DeepRay& own = deep[static_cast<size_t>(number)];
+  own.begin();
+  marched.deep = &own.media;
+  marched.tint = march_.tint_;
+  const auto depth = [&](double t) { return march_.rays_.depth(sample, ray.at(t)); };
+  own.z = depth(marched.start);
+  own.z_per_step = depth(marched.start + scene.steps.length) - own.z;
+  if (light || hit) own.end_z = depth(light ? distance : hit->t);
 }
 
 // Adds what the march found, and what ends the ray. Behind a holdout there is nothing.
@@ -88,14 +108,26 @@ void GuideTile::end(const CameraRay& ray, const MarchedRay& marched) {
   GuideSums& sums = pixels_[ray.pixel];
   const double transmittance = marched.transmittance;
   if (marched.opacity > 0) add_media(marched, sums);
+  const vec3 before = sums.background;
+  DeepRay* const deep = deep_ ? &deep_rays_[ray.pixel][static_cast<size_t>(ray.number)] : nullptr;
+  if (deep) deep->left = marched.transmittance;
   if (ray.light) {
     sums.background += scaled(ray.light->radiance(marched.ray, ray.distance), transmittance);
+    if (deep) deep->end = DeepRay::End::kLight;
   } else if (!ray.hit) {
     for (const InfiniteLight* sky : march_.context_.lights->infinite())
       if (sky->visible()) sums.background += scaled(sky->radiance(marched.ray.d), transmittance);
   } else if (march_.context_.surfaces->settings(ray.hit->surface).role != "holdout") {
-    add_surface(ray, marched, sums);
+    const vec3 light = add_surface(ray, marched, sums);
+    if (deep) {
+      deep->end = DeepRay::End::kSurface;
+      deep->surface = ray.hit->surface;
+      deep->light = light;
+      if (march_.context_.surfaces->settings(ray.hit->surface).material != "diffuse")
+        deep->mirrors = marched.scaled_transmittance;
+    }
   }
+  if (deep) deep->light += sums.background - before;
   Traced& pixel = traced_[ray.pixel];
   const std::optional<uint32_t> surface = ray.hit && !ray.light ? std::optional(ray.hit->surface) : std::nullopt;
   const bool first_ray = pixel.most < pixel.least;
@@ -117,7 +149,7 @@ void GuideTile::add_media(const MarchedRay& marched, GuideSums& sums) const {
   sums.gradient += dvec3(marched.gradient);
 }
 
-void GuideTile::add_surface(const CameraRay& ray, const MarchedRay& marched, GuideSums& sums) {
+vec3 GuideTile::add_surface(const CameraRay& ray, const MarchedRay& marched, GuideSums& sums) {
   const ShadedPoint at(*march_.context_.surfaces, marched.ray, *ray.hit);
   const double transmittance = marched.transmittance,
                peaks = std::max(0.0, static_cast<double>(marched.scaled_transmittance) - transmittance);
@@ -126,11 +158,12 @@ void GuideTile::add_surface(const CameraRay& ray, const MarchedRay& marched, Gui
   sums.surface_depth += transmittance * (ray.hit->t - march_.reference_depth_);
   sums.material[static_cast<int>(at.bsdf.kind)] += static_cast<float>(transmittance);
   sums.background += scaled(march_.context_.surfaces->emitted(ray.hit->surface, !at.inside), transmittance);
-  add_reflected(ray, at, transmittance, peaks, sums);
-  if (at.gloss) add_reflected(ray, at.with(*at.gloss), transmittance, peaks, sums);
+  vec3 light = add_reflected(ray, at, transmittance, peaks, sums);
+  if (at.gloss) light += add_reflected(ray, at.with(*at.gloss), transmittance, peaks, sums);
+  return light;
 }
 
-void GuideTile::add_reflected(const CameraRay& ray, const ShadedPoint& at, double transmittance, double peaks,
+vec3 GuideTile::add_reflected(const CameraRay& ray, const ShadedPoint& at, double transmittance, double peaks,
                               GuideSums& sums) {
   const Traced& pixel = traced_[ray.pixel];
   const LitPixels::Light* const lit =
@@ -149,6 +182,7 @@ void GuideTile::add_reflected(const CameraRay& ray, const ShadedPoint& at, doubl
   sums.indirect += scaled(indirect, transmittance);
   sums.behind += scaled(leaving + indirect, peaks);
   if (!at.diffuse()) mirrored_.start(ray.sample, at, *ray.hit, transmittance, peaks, sums);
+  return scaled(leaving + indirect, transmittance + peaks);
 }
 
 }  // namespace brume

@@ -14,7 +14,8 @@ class GuideTile {
  public:
   static constexpr int kSide = 16;  // px
 
-  explicit GuideTile(const GuideMarch& march);
+  /// @param deep  takes the pixels' parts; null: they are not made
+  explicit GuideTile(const GuideMarch& march, DeepRecord* deep = nullptr);
   /// Traces the pixels from..to and stores them.
   void record(const ivec2& corner, const ivec2& from, const ivec2& to, const GuideLayers& layers);
 
@@ -43,15 +44,19 @@ class GuideTile {
   void begin(size_t pixel, int ray, const CameraSample& sample, const MarchScene& scene);
   void end(const CameraRay& ray, const MarchedRay& marched);
   void add_media(const MarchedRay& marched, GuideSums& sums) const;
-  void add_surface(const CameraRay& ray, const MarchedRay& marched, GuideSums& sums);
+  /// @return what it reflects, as far as that is known before its mirrors are followed
+  vec3 add_surface(const CameraRay& ray, const MarchedRay& marched, GuideSums& sums);
   /// Lit by every light through the media, and by the sky; metals, glass and coats show what they mirror.
-  void add_reflected(const CameraRay& ray, const ShadedPoint& at, double transmittance, double peaks, GuideSums& sums);
+  vec3 add_reflected(const CameraRay& ray, const ShadedPoint& at, double transmittance, double peaks, GuideSums& sums);
 
   const GuideMarch& march_;
   LitPixels lit_;
   MirroredRays mirrored_;
   std::vector<GuideSums> pixels_;
   std::vector<Traced> traced_;
+  DeepRecord* const deep_;
+  DeepPixels deep_pixels_;
+  std::vector<std::vector<DeepRay>> deep_rays_;  // of each pixel; those of its rays are in use
   // Of the rays that are marched now, which all have one time of the shutter.
   std::vector<CameraRay> rays_;
   MarchBatch batch_;

@@ -5,6 +5,7 @@
 #include <algorithm>
 #include <cmath>
 
+#include "base/parallel_for.h"
 #include "render/guides/guide_march.h"
 
 namespace brume {
@@ -60,8 +61,10 @@ void Guides::for_each_march(const Camera& camera, bool sketch, const Task& task,
       march(solved(colours_[i], task), colours_[i]);
 }
 
-void Guides::record(const Camera& camera, const ivec2& corner, Layers& frame, const Task& task, bool sketch) const {
-  for_each_march(camera, sketch, task, [&](const GuideMarch& march) { march.record(corner, frame, task); });
+void Guides::record(const Camera& camera, const ivec2& corner, Layers& frame, const Task& task, bool sketch,
+                    DeepRecord* deep) const {
+  if (deep && media_[0].empty()) record_surfaces(camera, corner, {frame.width(), frame.height()}, *deep, task);
+  for_each_march(camera, sketch, task, [&](const GuideMarch& march) { march.record(corner, frame, task, deep); });
 }
 
 void Guides::record_watched(const Camera& camera, Layers& frame, const Task& task,
@@ -86,11 +89,12 @@ void Guides::record_watched(const Camera& camera, Layers& frame, const Task& tas
 }
 
 void Guides::record_stored(const Camera& camera, const ivec2& corner, Layers& frame, const Task& task,
-                           const std::function<bool(const std::string& channel)>& stored) const {
+                           const std::function<bool(const std::string& channel)>& stored, DeepRecord* deep) const {
+  if (deep && media_[0].empty()) record_surfaces(camera, corner, {frame.width(), frame.height()}, *deep, task);
   for_each_march(camera, /*sketch=*/false, task, [&](const GuideMarch& march) {
     for (int y0 = 0; y0 < frame.height(); y0 += kBand) {
       Layers band(frame.width(), std::min(kBand, frame.height() - y0));
-      march.record(corner + ivec2(0, y0), band, quiet(task));
+      march.record(corner + ivec2(0, y0), band, quiet(task), deep);
       for (const auto& [name, plane] : band.channels()) {
         if (stored(name)) {
           frame.store_rows(name, y0, plane, task);
@@ -102,6 +106,39 @@ void Guides::record_stored(const Camera& camera, const ivec2& corner, Layers& fr
           if (std::any_of(plane.row(y), plane.row(y) + plane.width(), [](float v) { return v != 0; }))
             std::copy_n(plane.row(y), plane.width(), whole.row(y0 + y));
       }
+    }
+  });
+}
+
+void Guides::record_surfaces(const Camera& camera, const ivec2& corner, const ivec2& size, DeepRecord& deep,
+                             const Task& task) const {
+  const PixelRays rays(context_, camera, media_[0], /*moving=*/false, /*sketch=*/false);
+  parallel_for(size.y, task, [&](int y) {
+    DeepPixels pixels;
+    std::vector<DeepRay> seen;
+    for (int x = 0; x < size.x; ++x) {
+      const ivec2 at = corner + ivec2(x, y);
+      const int across = rays.shows_edge(at) ? PixelRays::kMostAcross : rays.across();
+      seen.assign(static_cast<size_t>(across * across), {});
+      for (int i = 0; i < across * across; ++i) {
+        const CameraSample sample = rays.sample(at, i, across);
+        const Ray ray = rays.ray(sample);
+        const std::optional<SurfaceHit> hit = rays.first_hit(ray);
+        const auto [light, distance] = context_.lights->nearest(ray, hit ? hit->t : kFar, /*seen=*/true);
+        DeepRay& to = seen[static_cast<size_t>(i)];
+        to.end_z = rays.depth(sample, ray.at(light ? distance : hit ? hit->t : 0));
+        if (light) {
+          to.end = DeepRay::End::kLight;
+          to.light = vec3(light->radiance(ray, distance));
+        } else if (!hit) {
+          for (const InfiniteLight* sky : context_.lights->infinite())
+            if (sky->visible()) to.light += vec3(sky->radiance(ray.d));
+        } else if (context_.surfaces->settings(hit->surface).role != "holdout") {
+          to.end = DeepRay::End::kSurface;
+          to.surface = hit->surface;
+        }
+      }
+      deep.store(at, kGrey, pixels.of_rays(seen, vec3(0), deep.most(kGrey)));
     }
   });
 }

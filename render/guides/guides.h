@@ -5,6 +5,7 @@
 #include <vector>
 
 #include "image/layers.h"
+#include "render/guides/deep_pixels.h"
 #include "render/guides/guide_media.h"
 #include "render/guides/light_fields.h"
 #include "render/transport/integrator.h"
@@ -38,14 +39,16 @@ class Guides {
   /// Marches the pixels of a window of the picture and adds the layers to `frame`, which has the window's size.
   /// @param corner  of the window, in pixels of the whole picture
   /// @param sketch  one ray for each pixel, in longer steps: for pictures that are looked at while better ones are made
-  void record(const Camera& camera, const ivec2& corner, Layers& frame, const Task& task, bool sketch = false) const;
+  /// @param deep    takes what is seen at which depth of the same window; null: that is not kept
+  void record(const Camera& camera, const ivec2& corner, Layers& frame, const Task& task, bool sketch = false,
+              DeepRecord* deep = nullptr) const;
   /// The same of a whole picture for who watches it come: its tiles from the middle outwards.
   /// @param done  told of the pixels from..to that are there, from any thread, one at a time
   void record_watched(const Camera& camera, Layers& frame, const Task& task,
                       const std::function<void(const ivec2& from, const ivec2& to)>& done) const;
   /// The same, but that channels go to Layers::stored where `stored` says so: at no time are they all there as planes.
   void record_stored(const Camera& camera, const ivec2& corner, Layers& frame, const Task& task,
-                     const std::function<bool(const std::string& channel)>& stored) const;
+                     const std::function<bool(const std::string& channel)>& stored, DeepRecord* deep = nullptr) const;
 
   /// Memory and time that it took, in one line.
   std::string explain() const;
@@ -58,6 +61,9 @@ class Guides {
   template <class Visit>
   void for_each_march(const Camera& camera, bool sketch, const Task& task, const Visit& visit) const;
   LightFields solved(GuideColour colour, const Task& task) const;
+  /// The deep pixels of a scene without media; of surfaces it is not known what they reflect.
+  void record_surfaces(const Camera& camera, const ivec2& corner, const ivec2& size, DeepRecord& deep,
+                       const Task& task) const;
 
   const PathContext context_;
   std::vector<GuideMedia> media_;     // one for each time of the shutter that rays are marched at

@@ -191,6 +191,7 @@ void MarchScene::emit(const MarchedRay& ray, float t, float straight, float by_p
   ray.sums->emission += vec3(emission * unscattered);
   ray.sums->emission_once += vec3(emission * once);
   ray.sums->behind += vec3(emission * (peaks - once));
+  if (ray.deep) ray.deep->steps.back().light += vec3(emission * (unscattered + peaks));
 }
 
 // Of one medium, whose mean cosine is the same everywhere, the exact terms are interpolated.
@@ -241,14 +242,16 @@ dvec3 MarchScene::in_light(const MarchedRay& ray, float t) const {
   return own_.followed(point(ray, t), media_[media_.size() / 2]);
 }
 
-void MarchScene::add_tinted(MarchedRay& ray, const MarchedFields& known, const float* at, float w, float scaled,
-                            float unpeaked, float albedo, const dvec3& once) const {
+void MarchScene::set_tint(MarchedRay& ray, const dvec3& once) const {
   // In steps, so that it seldom changes.
   constexpr double kSteps = 4096;
   const dvec3 rounded = glm::round(once * kSteps) / kSteps;
   if (rounded != ray.tint.once()) ray.tint = OrderTint(rounded);
+}
+
+void MarchScene::add_scattered(const MarchedRay& ray, const MarchedFields& known, const float* at, float w,
+                               float scaled, float unpeaked, float albedo, dvec3& direct, dvec3& indirect) const {
   const OrderTint& tint = ray.tint;
-  GuideSums& sums = *ray.sums;
   size_t sharp = 0;
   for (size_t k = 0; k < fields_.lights().size(); ++k) {
     const GuideLight& group = *fields_.lights()[k];
@@ -268,8 +271,8 @@ void MarchScene::add_tinted(MarchedRay& ray, const MarchedFields& known, const f
         more += static_cast<double>(scaled) * at[s.orders + order] * tint.of_guide(order);
     }
     const dvec3 colour = group.colour_in(colour_);
-    (group.from_surfaces() ? sums.tinted_indirect : sums.tinted_direct) += colour * single * tint.once();
-    sums.tinted_indirect += colour * (forward * tint.forward() + more);
+    (group.from_surfaces() ? indirect : direct) += colour * single * tint.once();
+    indirect += colour * (forward * tint.forward() + more);
   }
 }
 

@@ -5,6 +5,7 @@
 #include <utility>
 #include <vector>
 
+#include "render/guides/deep_pixels.h"
 #include "render/guides/guide_sums.h"
 #include "render/guides/light_fields.h"
 #include "render/guides/media_line.h"
@@ -60,7 +61,7 @@ struct TurnedLight {
   float phase[4] = {};            ///< with the mean cosine, a half, a quarter, an eighth of it
   float peak[8] = {};             ///< ForwardPeak::coefficients
   double g = 0;                   ///< that those of a sun were made for
-  float single = 0, forward = 0;  ///< what the segment that was added last has of it
+  float single = 0, forward = 0;  ///< what the segments since fields were added last have of it
 };
 
 /// A ray, how it is marched, and what was found along it.
@@ -80,7 +81,8 @@ struct MarchedRay {
   float offset = 0;                               ///< share of a step by which the first one is shortened
   uint32_t first_part = 0, last_part = 0;         ///< of MarchBatch::parts
   GuideSums* sums = nullptr;                      ///< to which light is added that fields at nodes and emission have
-  OrderTint tint;                                 ///< the last one of media of unlike tints
+  OrderTint tint;                                 ///< of the media; of unlike ones the last one
+  DeepSteps* deep = nullptr;                      ///< keeps what is seen of each step; null: nothing
 
   float transmittance = 1, scaled_transmittance = 1;  ///< scaled: without the forward peak
   float opacity = 0;                                  ///< sum of the weights of what is seen
@@ -97,6 +99,7 @@ struct MarchBatch {
   std::vector<MarchedRay> rays;
   std::vector<vec2> parts;  ///< of rays, from..to, in which anything may be found: in order and apart from one another
   std::vector<std::pair<double, double>> intervals;  // while a ray is aimed
+  bool deep = false;                                 ///< some rays keep what is seen of each step
 
   void clear() {
     rays.clear();
@@ -147,10 +150,12 @@ class MarchScene {
   void turn(MarchedRay& ray, size_t light, float t, float g, float depth) const;
   /// Where the light of what is there was solved: it may move. World space
   dvec3 in_light(const MarchedRay& ray, float t) const;
-  /// Adds light that media of unlike tints scatter at one place.
-  /// @param fields  there   @param tint  of light scattered once
-  void add_tinted(MarchedRay& ray, const MarchedFields& known, const float* fields, float w, float scaled,
-                  float unpeaked, float albedo, const dvec3& tint) const;
+  /// Makes the tint of a ray that of media which give light so much of each colour by one scattering.
+  void set_tint(MarchedRay& ray, const dvec3& once) const;
+  /// Adds light that media scatter at one place, by the ray's tint.
+  /// @param fields  there
+  void add_scattered(const MarchedRay& ray, const MarchedFields& known, const float* fields, float w, float scaled,
+                     float unpeaked, float albedo, dvec3& direct, dvec3& indirect) const;
 
  private:
   dvec3 point(const MarchedRay& ray, float t) const { return ray.ray.at(ray.start + steps.length * t); }

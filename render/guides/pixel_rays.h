@@ -30,6 +30,8 @@ class PixelRays {
   /// Whether a pixel's corners see unlike surfaces or lights.
   bool shows_edge(const ivec2& pixel) const;
   CameraSample sample(const ivec2& pixel, int ray, int across) const;
+  /// Along the camera's axis.
+  double depth(const CameraSample& s, const dvec3& p) const { return camera_.depth(p, s.time); }
   Ray ray(const CameraSample& s) const { return camera_.ray(s.film, s.lens, s.time); }
   /// The first surface on a camera ray that such rays see.
   std::optional<SurfaceHit> first_hit(const Ray& ray) const;

@@ -10,6 +10,7 @@
 #include <cmath>
 #include <cstring>
 #include <numbers>
+#include <utility>
 
 #include "render/guides/forward_peak.h"
 #include "volume/lane_grid.h"
@@ -128,7 +129,7 @@ struct TurnedLanes {
   Line place;  // on a sun's lattice
   Lane irradiance, mean_depth, phase[4], peak[8];
   Lane single, forward, octave[3], soft[4];  // as GroupSums
-  Lane last_single, last_forward;            // of the last segment
+  Lane wide_single, wide_forward;            // of the segments whose fields are not added yet
 
   void set(size_t lane, const TurnedLight& light) {
     irradiance[lane] = light.irradiance;
@@ -139,7 +140,7 @@ struct TurnedLanes {
   void begin(size_t lane, const MarchedRay::Place& at, const TurnedLight& light) {
     place.set(lane, at);
     set(lane, light);
-    single[lane] = forward[lane] = 0;
+    single[lane] = forward[lane] = wide_single[lane] = wide_forward[lane] = 0;
     for (Lane& sum : octave) sum[lane] = 0;
     for (Lane& sum : soft) sum[lane] = 0;
   }
@@ -248,7 +249,7 @@ class RayMarch {
   }
 
   HWY_INLINE void step();
-  HWY_INLINE void take(M active, V middle, V length, V next, V thickness, const MediaAt& media);
+  HWY_INLINE void take(M active, V t, V middle, V length, V next, V thickness, const MediaAt& media);
   HWY_INLINE V step_length(M active, V t) const;
   HWY_INLINE MediaAt media_at(M active, V t) const;
   HWY_INLINE void add_grid(const MarchedGrid& grid, const V3& p, M active, MediaAt& sum) const;
@@ -260,6 +261,8 @@ class RayMarch {
   HWY_INLINE V3 place_at_nodes(M mask, V t) const;
   HWY_INLINE V at_nodes(const float* values, const Cell& cell, M mask) const;
   void add_fields(M mask);
+  /// Of each ray that keeps what is seen of its steps.
+  void keep_step(M mask, V t, V next, V w, V left);
   void end_parts(M ended, M opaque);
 
   const MarchScene& scene_;
@@ -413,7 +416,7 @@ HWY_INLINE void RayMarch::step() {
     segment_end_.store(full, (hn::Floor(middle / light_step - offset) + 1.0f + offset) * light_step);
   }
 
-  take(active, middle, length, next, thickness, media);
+  take(active, t, middle, length, next, thickness, media);
   t_.store(active, next);
   // Where steps are lost in rounding the part has ended, too.
   const M ended = hn::And(active, hn::Or(next >= end, next <= t));
@@ -431,7 +434,7 @@ HWY_INLINE V RayMarch::scale_of(V albedo, V g) const {
 }
 
 /// What a step takes of the light that is left, with the extinction and less of it.
-HWY_INLINE void RayMarch::take(M active, V middle, V length, V next, V thickness, const MediaAt& media) {
+HWY_INLINE void RayMarch::take(M active, V t, V middle, V length, V next, V thickness, const MediaAt& media) {
   const M any = thickness > 0.0f;
   const V e8 = one_minus_attenuation(thickness * 0.125f), e4 = of_square(e8), e2 = of_square(e4), e = of_square(e2);
   // Without a forward peak both are the same to the last bit.
@@ -442,6 +445,7 @@ HWY_INLINE void RayMarch::take(M active, V middle, V length, V next, V thickness
   const V w2 = left2_.load() * e2, w4 = left4_.load() * e4, w8 = left8_.load() * e8;
   const V peaked = thickness * (1.0f - scale), peaks_in_middle = peaks + 0.5f * peaked,
           scattered = thickness * media.albedo;
+  if (batch_.deep) keep_step(scene_.emits ? active : any, t, next, w, left - w);
   segment_.end.store(any, next);
   segment_.w.add(w);
   segment_.w2.add(w2);
@@ -489,6 +493,17 @@ HWY_INLINE void RayMarch::take(M active, V middle, V length, V next, V thickness
                   w / (brume::HWY_NAMESPACE::length(media.gradient) + scene_.steps.gentle_gradient) * media.gradient);
 }
 
+void RayMarch::keep_step(M mask, V t, V next, V w, V left) {
+  Lane begin, end, taken, left_behind;
+  begin.store(t);
+  end.store(next);
+  taken.store(w);
+  left_behind.store(left);
+  for_each_lane(mask, [&](size_t lane, MarchedRay& ray) {
+    if (ray.deep) ray.deep->add(begin[lane], end[lane], taken[lane], left_behind[lane]);
+  });
+}
+
 void RayMarch::end_parts(M ended, M opaque) {
   uint32_t finished = bits_of(opaque);
   for_each_lane(hn::AndNot(opaque, ended), [&](size_t lane, MarchedRay& ray) {
@@ -509,12 +524,12 @@ void RayMarch::end_parts(M ended, M opaque) {
 void RayMarch::add_light(M mask) {
   mask = hn::And(mask, segment_.thickness.load() > 0.0f);
   if (hn::AllFalse(D(), mask)) return;
-  for (size_t k = 0; k < scene_.lights.size(); ++k) add_turned_light(k, mask);
   const float spacing = scene_.steps.field_spacing;
   const auto longer = [&](const Lane& end, float than) {
     return hn::And(mask, end.load() - wide_.begin.load() > than);
   };
   add_fields(longer(segment_.end, 2 * spacing));
+  for (size_t k = 0; k < scene_.lights.size(); ++k) add_turned_light(k, mask);
   wide_.join(segment_, mask);
   add_fields(hn::Or(longer(wide_.end, spacing), hn::And(mask, wide_.thickness.load() > kNodeThickness)));
 }
@@ -566,14 +581,23 @@ void RayMarch::add_fields(M mask) {
       sums.single += wide_.w[lane] * albedo[lane] * at[slots.single];
       sums.forward += wide_.unpeaked[lane] * albedo[lane] * at[slots.forward];
     }
-    if (!scene_.mixed_tints || !(wide_.albedo[lane] > 0)) return;
+    if (!(scene_.mixed_tints || ray.deep) || !(wide_.albedo[lane] > 0)) return;
     for (size_t k = 0; k < scene_.lights.size(); ++k) {
-      ray.turned[k].single = light_[k].last_single[lane];
-      ray.turned[k].forward = light_[k].last_forward[lane];
+      ray.turned[k].single = std::exchange(light_[k].wide_single[lane], 0.0f);
+      ray.turned[k].forward = std::exchange(light_[k].wide_forward[lane], 0.0f);
     }
-    const dvec3 tint(wide_.tint[0][lane], wide_.tint[1][lane], wide_.tint[2][lane]);
-    scene_.add_tinted(ray, fields_, at, wide_.w[lane], wide_.scaled[lane], wide_.unpeaked[lane], albedo[lane],
-                      tint / static_cast<double>(wide_.albedo[lane]));
+    if (scene_.mixed_tints)
+      scene_.set_tint(ray, dvec3(wide_.tint[0][lane], wide_.tint[1][lane], wide_.tint[2][lane]) /
+                               static_cast<double>(wide_.albedo[lane]));
+    const auto add_scattered = [&](dvec3& direct, dvec3& indirect) {
+      scene_.add_scattered(ray, fields_, at, wide_.w[lane], wide_.scaled[lane], wide_.unpeaked[lane], albedo[lane],
+                           direct, indirect);
+    };
+    if (scene_.mixed_tints) add_scattered(to.tinted_direct, to.tinted_indirect);
+    if (!ray.deep) return;
+    dvec3 direct(0), indirect(0);
+    add_scattered(direct, indirect);
+    ray.deep->light_up(wide_.end[lane], wide_.w[lane], vec3(direct + indirect));
   });
   wide_.clear(mask);
 }
@@ -651,8 +675,8 @@ HWY_INLINE void RayMarch::add_turned_light(size_t k, M mask) {
   const V single = lit * (light.phase[0].load() * arriving), forward = lit * hn::Max(repeated, hn::Zero(D()));
   light.single.add(single);
   light.forward.add(forward);
-  light.last_single.store(mask, single);
-  light.last_forward.store(mask, forward);
+  light.wide_single.add(single);
+  light.wide_forward.add(forward);
   light.octave[0].add(segment_.w2.load() * irradiance * (light.phase[1].load() * v2));
   light.octave[1].add(segment_.w4.load() * irradiance * (light.phase[2].load() * v4));
   light.octave[2].add(segment_.w8.load() * irradiance * (light.phase[3].load() * v8));

@@ -159,6 +159,8 @@ struct RenderSettings {
   std::string flash_relief = "both";
   std::string majorants = "cells";
   bool light_groups = false;
+  double mist_start = 0, mist_depth = 25;
+  std::string mist_falloff = "quadratic";
   int cell_size = 8;
   double majorant_scale = 1;
 };

@@ -111,6 +111,13 @@ void describe(Visitor& v, RenderSettings& r) {
   v({"light_groups", "",
      "every light without a group is one by itself, named after its kind: sky, sun, sun_2, point, mesh, fire, ..."},
     r.light_groups);
+  v({"mist_start", "scene units", "depth along the camera's axis at which the layer mist begins to grow from 0"},
+    r.mist_start);
+  v({"mist_depth", "scene units", "from there on: where it is 1", 1e-9, 1e30}, r.mist_depth);
+  v({.key = "mist_falloff",
+     .help = "how mist grows with the share of mist_depth: its square, itself, its root",
+     .choices = {"quadratic", "linear", "inverse_quadratic"}},
+    r.mist_falloff);
   v({.key = "majorants",
      .help =
          "cells: bounds of cell_size^3 voxels; global: one bound for the whole grid and flights in double precision, the textbook's tracer, to compare",

@@ -9,6 +9,7 @@
 #include "base/shares.h"
 #include "image/layers.h"
 #include "render/film/film.h"
+#include "render/guides/deep_pixels.h"
 #include "render/scene/scene.h"
 #include "render/transport/integrator.h"
 
@@ -36,6 +37,7 @@ struct RenderReport {
 
 struct RenderResult {
   Layers layers;
+  std::optional<DeepRecord> deep;  ///< where RenderJob::deep_samples asks for it
   RenderReport report;
 };
 
@@ -88,6 +90,7 @@ struct RenderJob {
   const Layers* recorded_guides = nullptr;
   /// Guides that the frame holds in Layers::stored; null: none.
   std::function<bool(const std::string& channel)> stored;
+  int deep_samples = 0;     ///< that the deep picture has of each pixel, at most; 0: none is made. Needs guides
   bool keep_state = false;  ///< the result carries the sums of its samples, to be merged
   /// Written every checkpoint_seconds, at the end and when interrupted. A checkpoint that cannot be written ends
   /// nothing: `warn` is told, and the next one is tried.

@@ -93,6 +93,7 @@ RenderResult RenderSession::run() {
   result.layers = film_.take();
   for (const auto& [name, plane] : guides_.channels()) result.layers.set(name, std::move(*guides_.find(name)));
   for (const auto& [name, plane] : guides_.stored()) result.layers.set_stored(name, plane);
+  result.deep = std::move(deep_);
   finish_header(result.layers, result.report);
   if (job_.keep_state) film_.save_state(result.layers, {task_.threads});
   return result;
@@ -221,10 +222,13 @@ void RenderSession::record_guides(const Task& task) {
   if (!guides || guides_.width() > 0) return;
   guides_ = Layers(film_.width(), film_.height());
   const ivec2 corner(window_.x0, window_.y0);
+  if (job_.deep_samples > 0)
+    deep_.emplace(corner, ivec2(film_.width(), film_.height()), static_cast<size_t>(job_.deep_samples));
+  DeepRecord* const deep = deep_ ? &*deep_ : nullptr;
   if (job_.stored)
-    guides->record_stored(camera_, corner, guides_, task, job_.stored);
+    guides->record_stored(camera_, corner, guides_, task, job_.stored, deep);
   else
-    guides->record(camera_, corner, guides_, task);
+    guides->record(camera_, corner, guides_, task, /*sketch=*/false, deep);
 }
 
 Layers RenderSession::film_so_far() const {

@@ -100,6 +100,7 @@ class RenderSession {
   std::vector<TileReport> tiles_;
   RenderReport resumed_;  // what the resumed session had done
   Layers guides_;         // once they are recorded
+  std::optional<DeepRecord> deep_;
   std::mutex watching_;
   Stopwatch wall_;
   double cpu_start_ = 0;

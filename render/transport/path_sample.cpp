@@ -14,7 +14,7 @@ namespace brume {
 
 namespace {
 
-constexpr const char *kGuides = "guides", *kLightParts = "light_parts";
+constexpr const char *kGuides = "guides", *kDepths = "depths", *kLightParts = "light_parts";
 
 }
 
@@ -61,10 +61,11 @@ LayerRequest LayerRequest::of(const std::vector<std::string>& names, bool statis
   LayerRequest request{{}, statistics, buckets};
   if (names == std::vector<std::string>{"all"}) {
     request.names = known;
-    request.guides = request.light_parts = true;
+    request.guides = request.depths = request.light_parts = true;
     return request;
   }
   known.emplace_back(kGuides);
+  known.emplace_back(kDepths);
   known.emplace_back(kLightParts);
   for (const std::string& name : names) {
     if (name.starts_with(kLightPrefix)) {
@@ -75,6 +76,8 @@ LayerRequest LayerRequest::of(const std::vector<std::string>& names, bool statis
       throw InputError(fmt::format("no layer '{}' to record{}", name, suggestion(name, known)));
     if (name == kGuides)
       request.guides = true;
+    else if (name == kDepths)
+      request.depths = true;
     else if (name == kLightParts)
       request.light_parts = true;
     else
@@ -86,6 +89,7 @@ LayerRequest LayerRequest::of(const std::vector<std::string>& names, bool statis
 std::vector<std::string> LayerRequest::text() const {
   std::vector<std::string> all = names;
   if (guides) all.emplace_back(kGuides);
+  if (depths) all.emplace_back(kDepths);
   if (light_parts) all.emplace_back(kLightParts);
   for (const std::string& group : light_groups) all.push_back(light_layer(group));
   return all;

@@ -27,6 +27,11 @@ class Camera {
     return orthographic_ ? open_.forward : glm::normalize(p - (open_.position - world_shift_));
   }
 
+  /// Distance of a point along the camera's axis. @param time  in [0, 1] of the shutter
+  double depth(const dvec3& p, double time) const {
+    const Pose pose = at(time);
+    return glm::dot(p - (pose.position - world_shift_), pose.forward);
+  }
   /// In world coordinates. @param time  in [0, 1] of the shutter
   dvec3 position(double time) const { return at(time).position; }
 

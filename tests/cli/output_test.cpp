@@ -68,10 +68,12 @@ TEST(Output, OfEveryVerbThatDoesNotGetThereIsAnError) {
       {"filters", "filters"},
       {"docs", "docs scene"},
       {"view", "view " + scene + " -q"},
+      {"flatten", "flatten " + path("deep.exr") + " -o " + path("flat.exr")},
       {"mix", "mix " + path("grouped.exr") + " --gain sun=2 -o " + path("mixed.exr")},
       {"picture", "picture " + part + " -q -o " + path("a.png")},
   };
-  ASSERT_EQ(run_brume(render + path("grouped.exr") + " -D render.light_groups=true").status, 0);
+  ASSERT_EQ(run_brume(render + path("grouped.exr") + " -D render.light_groups=true --deep " + path("deep.exr")).status,
+            0);
   std::vector<std::string> tested;
   for (const auto& [verb, arguments] : commands) tested.push_back(verb);
   std::vector<std::string> known = verbs();

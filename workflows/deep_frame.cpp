@@ -1,0 +1,195 @@
+#include "workflows/deep_frame.h"
+
+#include <fmt/format.h>
+
+#include <algorithm>
+#include <cmath>
+#include <limits>
+#include <optional>
+
+#include "base/error.h"
+#include "base/output_file.h"
+#include "base/parallel_for.h"
+#include "image/exr_deep.h"
+
+namespace brume {
+namespace {
+
+using Type = DeepPicture::Channel::Type;
+
+constexpr double kCovers = 1e-3, kNothing = 1e-6;  // of a pixel
+
+/// A pixel's samples as they are stored.
+struct Sample {
+  float z, z_back, alpha;
+  vec3 colour;
+};
+
+/// Light of each part: the pixel's, shared as the predicted light of each colour is; where none was predicted, as that
+/// of all colours, or as what covers the pixel. Parts of which no light is known get what the others leave.
+std::vector<dvec3> shared_light(std::span<const DeepPart> parts, const dvec3& light) {
+  std::vector<dvec3> shares(parts.size());
+  dvec3 all(0);
+  double covered = 0, left = 1;
+  double unknown = 0;  // part of what is covered
+  std::vector<double> cover(parts.size());
+  for (size_t i = 0; i < parts.size(); ++i) {
+    all += glm::max(dvec3(parts[i].light), 0.0);
+    cover[i] = left - static_cast<double>(parts[i].left);
+    covered += cover[i];
+    if (parts[i].light == vec3(0)) unknown += cover[i];
+    left = parts[i].left;
+  }
+  const double grey = all.x + all.y + all.z;
+  for (size_t i = 0; i < parts.size(); ++i) {
+    const dvec3 own = glm::max(dvec3(parts[i].light), 0.0);
+    if (unknown > kCovers) {
+      const dvec3 known = glm::min(all, glm::max(light, 0.0));
+      for (int c = 0; c < 3; ++c)
+        shares[i][c] = own == dvec3(0) ? (light[c] - known[c]) * cover[i] / unknown
+                       : all[c] > 0    ? known[c] * own[c] / all[c]
+                                       : 0;
+      continue;
+    }
+    for (int c = 0; c < 3; ++c)
+      shares[i][c] = light[c] * (all[c] > 0    ? own[c] / all[c]
+                                 : grey > 0    ? (own.x + own.y + own.z) / grey
+                                 : covered > 0 ? cover[i] / covered
+                                               : (i == 0 ? 1.0 : 0.0));
+  }
+  return shares;
+}
+
+/// Colours are those that the samples before them, as they are rounded, let through.
+void store_pixel(std::span<const DeepPart> parts, const dvec3& light, std::vector<Sample>& samples) {
+  const std::vector<dvec3> shares = shared_light(parts, light);
+  double left = 1;
+  for (size_t i = 0; i < parts.size(); ++i) {
+    const DeepPart& part = parts[i];
+    if (left <= 0) {  // nothing is seen behind: its light goes to what hides it
+      samples.back().colour += vec3(shares[i]);
+      continue;
+    }
+    const auto alpha = static_cast<float>(std::clamp(1 - static_cast<double>(part.left) / left, 0.0, 1.0));
+    samples.push_back({part.z, part.z_back, alpha, vec3(shares[i] / left)});
+    left *= 1 - static_cast<double>(alpha);
+  }
+}
+
+Layers flattened_file(const DeepPicture& picture, const std::filesystem::path& path, float before) {
+  try {
+    return flattened(picture, before);
+  } catch (const InputError& error) {
+    throw InputError(fmt::format("{}: {}", path.string(), error.what()));
+  }
+}
+
+}  // namespace
+
+DeepPicture deep_frame(const DeepRecord& record, Layers& frame, Type type) {
+  const int width = frame.width(), height = frame.height();
+  const RgbPlanes rgb = frame.rgb(layer::beauty);
+  Plane& alpha = frame.add(layer::alpha.channel(0));
+  std::vector<std::vector<Sample>> rows(static_cast<size_t>(height));
+  std::vector<uint32_t> counts(static_cast<size_t>(width) * height);
+  parallel_for(height, {}, [&](int y) {
+    std::vector<Sample>& row = rows[static_cast<size_t>(y)];
+    for (int x = 0; x < width; ++x) {
+      std::vector<DeepPart> parts = record.parts({x, y});
+      const dvec3 light((*rgb[0])(x, y), (*rgb[1])(x, y), (*rgb[2])(x, y));
+      if (parts.empty() && light != dvec3(0)) parts.push_back({kDeepBackground, kDeepBackground, 1, vec3(1)});
+      const size_t before = row.size();
+      store_pixel(parts, light, row);
+      counts[static_cast<size_t>(y) * width + x] = static_cast<uint32_t>(row.size() - before);
+      double left = 1;
+      for (size_t i = before; i < row.size(); ++i) left *= 1 - static_cast<double>(row[i].alpha);
+      alpha(x, y) = static_cast<float>(1 - left);
+    }
+  });
+  DeepPicture picture(frame.data_window(), frame.display_window(), counts);
+  picture.header = frame.header;
+  const std::pair<const char*, float (*)(const Sample&)> channels[] = {
+      {"Z", [](const Sample& s) { return s.z; }},        {"ZBack", [](const Sample& s) { return s.z_back; }},
+      {"A", [](const Sample& s) { return s.alpha; }},    {"R", [](const Sample& s) { return s.colour.x; }},
+      {"G", [](const Sample& s) { return s.colour.y; }}, {"B", [](const Sample& s) { return s.colour.z; }}};
+  for (const auto& [name, value] : channels) {
+    const bool colour = std::string_view("RGB").find(*name) != std::string_view::npos;
+    float* to = picture.add(name, colour ? type : Type::kFloat).values.data();
+    for (const std::vector<Sample>& row : rows)
+      for (const Sample& s : row) *to++ = value(s);
+  }
+  return picture;
+}
+
+void add_depths(const DeepRecord& record, const RenderSettings& settings, Layers& frame) {
+  const auto plane = [&](const LayerName& l) -> Plane& { return frame.add(l.channel(0)); };
+  Plane &mean = plane(layer::depth_mean), &half = plane(layer::depth_half), &first = plane(layer::depth_first),
+        &mist = plane(layer::mist);
+  const auto mist_at = [&](double z) {
+    const double share = std::clamp((z - settings.mist_start) / settings.mist_depth, 0.0, 1.0);
+    return settings.mist_falloff == "linear"      ? share
+           : settings.mist_falloff == "quadratic" ? share * share
+                                                  : std::sqrt(share);
+  };
+  parallel_for(frame.height(), {}, [&](int y) {
+    for (int x = 0; x < frame.width(); ++x) {
+      const std::vector<DeepPart> parts = record.parts({x, y});
+      const double covered = parts.empty() ? 0 : 1 - static_cast<double>(parts.back().left);
+      mean(x, y) = half(x, y) = first(x, y) = kDeepBackground;
+      mist(x, y) = 1;
+      if (!(covered > kNothing)) continue;
+      double sum = 0, all_mist = 1 - covered, left = 1;
+      for (const DeepPart& part : parts) {
+        const double cover = left - static_cast<double>(part.left), length = part.z_back - part.z;
+        if (!(cover > 0)) continue;
+        const double share = cover / left, depth = -std::log1p(-std::min(share, 1 - 1e-9));
+        const auto z_at = [&](double of_cover) {  // in front of which a share of the pixel lies
+          return part.z + length * std::clamp(-std::log1p(-std::min(of_cover / left, 1 - 1e-9)) / depth, 0.0, 1.0);
+        };
+        // The mean of an exponential that ends.
+        const double middle = part.z + length * (share < 1e-4 ? 0.5 : 1 / depth - (1 - share) / share);
+        sum += cover * middle;
+        all_mist += cover * mist_at(middle);
+        const double before = 1 - left, behind = before + cover;
+        for (const auto& [at, to] : {std::pair(0.5, &half), {0.01, &first}})
+          if (at * covered >= before && at * covered < behind)
+            (*to)(x, y) = static_cast<float>(z_at(at * covered - before));
+        left = part.left;
+      }
+      mean(x, y) = static_cast<float>(sum / covered);
+      mist(x, y) = static_cast<float>(all_mist);
+    }
+  });
+}
+
+void denoise_deep(const FrameFiles& files, const DenoiseOptions& options, const Host& host) {
+  const std::string path = files.frame.string();
+  if (options.file.asked() || !files.records.empty() || !files.second.empty() || options.filters.size() > 1)
+    throw InputError(fmt::format(
+        "{}: holds deep pixels, which one filter cleans through their flat picture; expected no map, suffix, "
+        "records or second half",
+        path));
+  std::vector<std::filesystem::path> inputs = {files.frame, files.guides};
+  check_writable(files.output, inputs, ".exr");
+  if (!files.preview.empty()) check_writable(files.preview, inputs, ".png");
+  DeepPicture deep = read_deep_exr(files.frame, host.silent());
+  for (const char* const colour : {"R", "G", "B"})
+    if (!deep.find(colour))
+      throw InputError(fmt::format("{}: its deep pixels have no channel {}; expected R, G and B", path, colour));
+  const Layers all = flattened_file(deep, files.frame, std::numeric_limits<float>::infinity());
+  const Layers flat = part_of(all, {"R", "G", "B", "A"});
+  std::optional<NamedFrame> guides;
+  if (!files.guides.empty()) guides = read_guides(files.guides.string());
+  const Layers clean = denoise_frame(flat, guides ? &*guides : nullptr, options, host);
+  recolour(deep, all, clean);
+  for (const auto& [name, value] : clean.header)
+    if (!deep.header.contains(name)) deep.header[name] = value;
+  write_deep_exr(files.output, deep, host.silent());
+  if (!files.preview.empty()) options.picture.write(files.preview, clean);
+}
+
+Layers flattened_file(const std::filesystem::path& deep, float before, const Host& host) {
+  return flattened_file(read_deep_exr(deep, host.silent()), deep, before);
+}
+
+}  // namespace brume
