@@ -33,9 +33,7 @@ dvec3 tint_of(const Medium& medium) {
 }
 
 void enclose(const Medium& medium, dvec3& lo, dvec3& hi) {
-  const auto [a, b] = medium.support();
-  for (int k = 0; k < 8; ++k) {
-    const dvec3 p = medium.to_world({k & 1 ? b.x : a.x, k & 2 ? b.y : a.y, k & 4 ? b.z : a.z});
+  for (const dvec3& p : medium.corners()) {
     lo = glm::min(lo, p);
     hi = glm::max(hi, p);
   }

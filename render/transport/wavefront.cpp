@@ -253,9 +253,12 @@ class Wavefront {
       const std::span<const Medium> media = media_at(c_, request.time);
       const Medium& medium = media[c_.plan.one_grid ? 0 : static_cast<size_t>(w_.medium[i])];
       const dvec3 at = position(i);
-      PathSample& sample = pool_.samples[i];
-      sample.flash = record_first_scatter(c_, media, medium, request.ray.o, at, request.ray.d, dvec3(p_.throughput[i]),
-                                          medium.albedo(at), sample);
+      const auto record = [&](const Medium& own) {
+        PathSample& sample = pool_.samples[i];
+        sample.flash = record_first_scatter(c_, media, own, request.ray.o, at, request.ray.d, dvec3(p_.throughput[i]),
+                                            own.albedo(at), sample);
+      };
+      medium.instances() ? record(medium.instance(static_cast<size_t>(w_.instance[i]))) : record(medium);
     }
   }
 

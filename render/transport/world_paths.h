@@ -24,6 +24,7 @@ struct WorldPaths {
   std::array<Ray, kPool> ray;                   ///< from the last vertex, or the eye, on
   std::array<double, kPool> end;                ///< ray parameter of what ends the flight; infinity where nothing does
   std::array<int32_t, kPool> medium;            ///< that a collision at `end` is with, or kNoMedium
+  std::array<int32_t, kPool> instance;          ///< likewise, where that medium has instances: which
   std::array<const FiniteLight*, kPool> light;  ///< at `end`; null for none
   std::array<SurfaceHit, kPool> hit;            ///< at `end`, where on_surface
   std::array<bool, kPool> on_surface;
