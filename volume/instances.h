@@ -86,9 +86,9 @@ class Instances {
   /// A ray against boxes.
   struct Slabs {
     explicit Slabs(const Ray& ray) : o(ray.o), inverse(1.0 / ray.d) {}
-    /// The parameter at which it comes into a box; infinite where it never does.
+    /// The parameter at which it comes into a box; not a number, which is not below any other, where it never does.
     double enters(const Node& n) const {
-      double t0 = 0, t1 = kNever;
+      double t0 = 0, t1 = std::numeric_limits<double>::infinity();
       for (int a = 0; a < 3; ++a) {
         // Not a number where the ray lies in a face, which then says nothing.
         const double x = (static_cast<double>(n.lo[a]) - o[a]) * inverse[a];
@@ -100,7 +100,7 @@ class Instances {
     }
     dvec3 o, inverse;
   };
-  static constexpr double kNever = std::numeric_limits<double>::infinity();
+  static constexpr double kNever = std::numeric_limits<double>::quiet_NaN();
   static constexpr size_t kDeepest = 64;
 
   template <class Meets, class Visit>
