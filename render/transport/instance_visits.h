@@ -7,25 +7,31 @@
 
 namespace brume {
 
-/// Takes rays to the instances of a medium that they meet, nearest first: of all rays at a time the next one of each.
+/// Takes rays to the instances of a medium that they meet: first to the one in which their paths collided last, where
+/// most of them end, then to the others, nearest first. Of all rays at a time to the next one of each.
 class InstanceVisits {
  public:
-  /// None is visited yet.
-  void begin(const SlotList& rays) {
-    for (const size_t i : rays) rays_[i] = {};
+  /// None is visited yet. @param first  instance; below 0: there is none
+  void begin(size_t slot, int32_t first) {
+    OfRay& own = rays_[slot];
+    own.last = {};
+    own.count = own.at = 0;
+    own.first = first;
+    own.begins = true;
   }
   /// The next instance that a ray meets before `end`; false where there is none.
   bool next(const Instances& instances, size_t slot, const Ray& ray, double end) {
     OfRay& own = rays_[slot];
-    if (own.at == own.count) {
-      if (own.count > 0 && own.count < kAtOnce) return false;
-      own.count = static_cast<uint32_t>(instances.next(ray, end, own.last, own.met));
-      own.at = 0;
-      if (own.count == 0) return false;
+    if (own.begins) {
+      own.begins = false;
+      instance[slot] = own.first;
+      if (own.first >= 0) return true;
     }
-    own.last = own.met[own.at++];
-    instance[slot] = static_cast<int32_t>(own.last.number);
-    return own.last.t < end;
+    while (next_in_order(instances, own, ray, end)) {
+      instance[slot] = static_cast<int32_t>(own.last.number);
+      if (instance[slot] != own.first) return true;
+    }
+    return false;
   }
 
   std::array<int32_t, kPool> instance;  ///< by slot: that is visited
@@ -35,8 +41,20 @@ class InstanceVisits {
   struct OfRay {
     std::array<Instances::Met, kAtOnce> met;
     Instances::Met last;
-    uint32_t count = 0, at = 0;
+    uint32_t count, at;
+    int32_t first;
+    bool begins;
   };
+  static bool next_in_order(const Instances& instances, OfRay& own, const Ray& ray, double end) {
+    if (own.at == own.count) {
+      if (own.count > 0 && own.count < kAtOnce) return false;
+      own.count = static_cast<uint32_t>(instances.next(ray, end, own.last, own.met));
+      own.at = 0;
+      if (own.count == 0) return false;
+    }
+    own.last = own.met[own.at++];
+    return own.last.t < end;
+  }
   std::array<OfRay, kPool> rays_;
 };
 

@@ -50,6 +50,7 @@ MediaFlights::Start MediaFlights::start(size_t slot, const PathRequest& request)
   if (c_.plan.one_grid) return start_in_grid(slot, request);
   w_.ray[slot] = request.ray;
   w_.time[slot] = request.time;
+  w_.last_collision[slot] = {};
   p_.time[slot] = static_cast<float>(request.time);
   for (size_t m = 0; m < placed_.size(); ++m)
     if (placed_[m]) (*placed_[m])[slot] = c_.media[m].placement_at(request.time).to_local();
@@ -96,7 +97,11 @@ void MediaFlights::walk_grid(size_t m, const SlotList& rays, const std::array<Ra
                              const std::array<double, kPool>& end, LocalRays& to, const Left& left, const Walk& walk) {
   const Instances* const instances = c_.media[m].instances();
   going_ = rays;
-  if (instances) visits_->begin(rays);
+  if (instances)
+    for (const size_t i : rays) {
+      const WorldPaths::Place& last = w_.last_collision[i];
+      visits_->begin(i, last.medium == static_cast<int32_t>(m) ? last.instance : -1);
+    }
   do {
     going_.keep_if([&](size_t i) { return left(i) && (!instances || visits_->next(*instances, i, from[i], end[i])); });
     inside_.clear();

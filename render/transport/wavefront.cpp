@@ -287,6 +287,7 @@ class Wavefront {
     for (const size_t i : pool_.hits) {
       if (w_.medium[i] != static_cast<int32_t>(medium)) continue;
       w_.ray[i].o = position(i);
+      w_.last_collision[i] = {w_.medium[i], w_.instance[i]};
       w_.past[i] = {.sampled_light = true,
                     .samples_fields = c_.plan.samples_fields(medium),
                     .first_on_surface = w_.past[i].first_on_surface};
