@@ -1,13 +1,18 @@
 #include "volume/instances.h"
 
 #include <algorithm>
+#include <bit>
 #include <cmath>
+#include <cstring>
 #include <limits>
 
 namespace brume {
 namespace {
 
-constexpr size_t kMostInLeaf = 2;
+// Of four or more each quarter holds at least one.
+constexpr size_t kMostInLeaf = 3;
+// Where there are fewer, a box that no scene reaches.
+const vec3 kNowhere(1e30f, 2e30f, -3e30f);
 
 /// A world box in single precision around an instance's local one.
 std::pair<vec3, vec3> box_around(const dmat3& world_from_local, const dvec3& offset, const dvec3& lo, const dvec3& hi) {
@@ -46,43 +51,73 @@ Instances::Instances(std::vector<Instance> all, const dvec3& lo, const dvec3& hi
     tinted_ = tinted_ || one.tint != dvec3(1);
     order_.push_back(static_cast<uint32_t>(i));
   }
-  nodes_.reserve(2 * (all_.size() / kMostInLeaf + 1));
-  nodes_.emplace_back();
-  build(0, 0, all_.size(), boxes);
-  lo_ = dvec3(nodes_[0].lo);
-  hi_ = dvec3(nodes_[0].hi);
+  lo_ = dvec3(std::numeric_limits<double>::infinity());
+  hi_ = -lo_;
+  for (const auto& [from, to] : boxes) {
+    lo_ = glm::min(lo_, dvec3(from));
+    hi_ = glm::max(hi_, dvec3(to));
+  }
+  build(0, all_.size(), boxes);
+  list_neighbours(boxes);
 }
 
-/// Halves at the median of the widest axis.
-void Instances::build(uint32_t node, size_t begin, size_t end, const std::vector<std::pair<vec3, vec3>>& boxes) {
-  vec3 lo(std::numeric_limits<float>::infinity()), hi = -lo, least = lo, most = hi;
+/// Puts the half with the smaller middles on the widest axis first. @return  where the other half begins
+size_t Instances::halve(size_t begin, size_t end, const Boxes& boxes) {
+  vec3 least(std::numeric_limits<float>::infinity()), most = -least;
+  const auto middle = [&](uint32_t i) { return boxes[i].first + boxes[i].second; };
   for (size_t k = begin; k < end; ++k) {
-    const auto& [from, to] = boxes[order_[k]];
-    lo = glm::min(lo, from);
-    hi = glm::max(hi, to);
-    least = glm::min(least, from + to);
-    most = glm::max(most, from + to);
-  }
-  nodes_[node].lo = lo;
-  nodes_[node].hi = hi;
-  if (end - begin <= kMostInLeaf) {
-    nodes_[node].first = static_cast<uint32_t>(begin);
-    nodes_[node].count = static_cast<uint32_t>(end - begin);
-    return;
+    least = glm::min(least, middle(order_[k]));
+    most = glm::max(most, middle(order_[k]));
   }
   const vec3 extent = most - least;
   const int axis = extent.x >= extent.y && extent.x >= extent.z ? 0 : extent.y >= extent.z ? 1 : 2;
-  const size_t middle = begin + (end - begin) / 2;
+  const size_t half = begin + (end - begin) / 2;
   const auto at = [&](size_t k) { return order_.begin() + static_cast<std::ptrdiff_t>(k); };
-  std::nth_element(at(begin), at(middle), at(end), [&](uint32_t a, uint32_t b) {
-    const float x = boxes[a].first[axis] + boxes[a].second[axis], y = boxes[b].first[axis] + boxes[b].second[axis];
+  std::nth_element(at(begin), at(half), at(end), [&](uint32_t a, uint32_t b) {
+    const float x = middle(a)[axis], y = middle(b)[axis];
     return x < y || (x == y && a < b);
   });
-  const auto children = static_cast<uint32_t>(nodes_.size());
-  nodes_[node].first = children;
-  nodes_.resize(nodes_.size() + 2);
-  build(children, begin, middle, boxes);
-  build(children + 1, middle, end, boxes);
+  return half;
+}
+
+uint32_t Instances::build(size_t begin, size_t end, const Boxes& boxes) {
+  const auto number = static_cast<uint32_t>(nodes_.size());
+  nodes_.emplace_back();
+  std::array<size_t, kWide + 1> parts{begin, begin, begin, begin, end};
+  if (end - begin > kMostInLeaf) {
+    parts[2] = halve(begin, end, boxes);
+    parts[1] = halve(begin, parts[2], boxes);
+    parts[3] = halve(parts[2], end, boxes);
+  }
+  for (size_t k = 0; k < kWide; ++k) {
+    vec3 lo(std::numeric_limits<float>::infinity()), hi = -lo;
+    for (size_t i = parts[k]; i < parts[k + 1]; ++i) {
+      lo = glm::min(lo, boxes[order_[i]].first);
+      hi = glm::max(hi, boxes[order_[i]].second);
+    }
+    if (parts[k] == parts[k + 1]) lo = hi = kNowhere;
+    const size_t count = std::max<size_t>(parts[k + 1] - parts[k], 1);
+    const uint32_t first = count > kMostInLeaf ? build(parts[k], parts[k + 1], boxes) : static_cast<uint32_t>(parts[k]);
+    Node& node = nodes_[number];
+    node.first[k] = first;
+    node.count[k] = count > kMostInLeaf ? 0 : static_cast<uint32_t>(count);
+    for (int a = 0; a < 3; ++a) node.lo[a][k] = lo[a], node.hi[a][k] = hi[a];
+  }
+  return number;
+}
+
+void Instances::list_neighbours(const Boxes& boxes) {
+  for (size_t i = 0; i < all_.size(); ++i) {
+    Around& own = around_.emplace_back(Around{static_cast<uint32_t>(listed_.size()), 0});
+    const dvec3 lo(boxes[i].first), hi(boxes[i].second);
+    each_near(lo, hi, [&](size_t k) {
+      const bool overlap = glm::all(glm::lessThanEqual(dvec3(boxes[k].first), hi)) &&
+                           glm::all(glm::greaterThanEqual(dvec3(boxes[k].second), lo));
+      if (k == i || !overlap) return;
+      if (++own.count <= kMostAround) listed_.push_back(static_cast<uint32_t>(k));
+    });
+    if (own.count > kMostAround) listed_.resize(own.first);
+  }
 }
 
 std::pair<double, double> Instances::part(size_t number, const Ray& ray, double t_max) const {
@@ -101,33 +136,83 @@ std::pair<double, double> Instances::part(size_t number, const Ray& ray, double 
   return {t0, t1};
 }
 
+namespace {
+
+/// A ray against four boxes side by side, in single precision; counted from where it comes into the box of all, so that
+/// rounding is as small as that box.
+struct FourSlabs {
+  /// As wide as the least of instruction sets has it: one function for all.
+  using Four [[gnu::vector_size(16)]] = float;
+  static Four four(const float* from) {
+    Four v;
+    std::memcpy(&v, from, sizeof v);
+    return v;
+  }
+
+  FourSlabs(const dvec3& o, const dvec3& d, double pad) : pad_(static_cast<float>(pad)) {
+    for (int a = 0; a < 3; ++a) {
+      o_[a] = static_cast<float>(o[a]);
+      const auto along = static_cast<float>(d[a]);
+      inverse_[a] = std::abs(along) < 1e-30f ? std::copysign(1e30f, along) : 1 / along;
+    }
+  }
+  /// @param t  gets where the ray comes into each   @return  bits of those that it meets before `limit`
+  uint32_t enters(const float (&lo)[3][4], const float (&hi)[3][4], float limit, float (&t)[4]) const {
+    Four t0{}, t1 = Four{} + limit;
+    for (int a = 0; a < 3; ++a) {
+      const Four x = (four(lo[a]) - pad_ - o_[a]) * inverse_[a], y = (four(hi[a]) + pad_ - o_[a]) * inverse_[a];
+      const Four enters = x < y ? x : y, leaves = x < y ? y : x;
+      t0 = t0 > enters ? t0 : enters;
+      t1 = t1 < leaves ? t1 : leaves;
+    }
+    std::memcpy(t, &t0, sizeof t0);
+    const auto meets = t0 * (1 - kRounding) <= t1 * (1 + kRounding);
+    uint32_t bits = 0;
+    for (int k = 0; k < 4; ++k) bits |= (meets[k] & 1u) << k;
+    return bits;
+  }
+
+  static constexpr float kRounding = 1e-6f;
+
+ private:
+  float o_[3], inverse_[3], pad_;
+};
+
+}  // namespace
+
 size_t Instances::next(const Ray& ray, double t_max, const Met& after, std::span<Met> found) const {
-  const Slabs slabs(ray);
+  const double begin = Slabs(ray).enters(lo_, hi_);
+  if (!(begin <= t_max)) return 0;
+  const dvec3 entry = ray.at(begin);
+  const double size = max_component(glm::max(glm::abs(lo_), glm::abs(hi_)));
+  const FourSlabs slabs(entry, ray.d, static_cast<double>(FourSlabs::kRounding) * size);
   size_t count = 0;
   const auto bound = [&] { return count < found.size() ? t_max : found[count - 1].t; };
+  const auto limit = [&] { return static_cast<float>(std::min(bound() - begin, 1e30)); };
   struct Waiting {
-    uint32_t node;
-    double t;
+    uint32_t first, count;
+    float t;
   };
   std::array<Waiting, kDeepest> stack;
   size_t waiting = 0;
-  const auto wait_for = [&](uint32_t node, double t) {
-    if (t <= bound()) stack[waiting++] = {node, t};
-  };
-  wait_for(0, slabs.enters(nodes_[0]));
+  stack[waiting++] = {0, 0, 0.0f};
   while (waiting > 0) {
-    const auto [number, from] = stack[--waiting];
-    if (!(from <= bound())) continue;
-    const Node& node = nodes_[number];
-    if (node.count == 0) {
-      const double first = slabs.enters(nodes_[node.first]), second = slabs.enters(nodes_[node.first + 1]);
-      const bool swapped = second < first;  // the nearer one is looked at first
-      wait_for(node.first + (swapped ? 0 : 1), swapped ? first : second);
-      wait_for(node.first + (swapped ? 1 : 0), swapped ? second : first);
+    const Waiting from = stack[--waiting];
+    if (from.t * (1 - FourSlabs::kRounding) > limit() * (1 + FourSlabs::kRounding)) continue;
+    if (from.count == 0) {
+      const Node& node = nodes_[from.first];
+      float t[kWide];
+      const size_t own = waiting;
+      for (uint32_t bits = slabs.enters(node.lo, node.hi, limit(), t); bits; bits &= bits - 1) {
+        const auto k = static_cast<size_t>(std::countr_zero(bits));
+        size_t place = waiting++;  // the nearest last: it is looked at first
+        for (; place > own && stack[place - 1].t < t[k]; --place) stack[place] = stack[place - 1];
+        stack[place] = {node.first[k], node.count[k], t[k]};
+      }
       continue;
     }
-    for (uint32_t k = 0; k < node.count; ++k) {
-      const uint32_t i = order_[node.first + k];
+    for (uint32_t k = 0; k < from.count; ++k) {
+      const uint32_t i = order_[from.first + k];
       const auto [t0, t1] = part(i, ray, t_max);
       const Met met{t0, i};
       if (!(t0 < t1) || !(after < met)) continue;

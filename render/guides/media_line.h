@@ -44,7 +44,7 @@ class MediaLine {
   Ray ray_{};
   std::vector<Local> locals_;  // of the media without instances, then of the instances that the line meets
   size_t still_ = 0;           // the former
-  bool one_ = false;  ///< one medium, the same everywhere but for its density
+  bool one_ = false;           ///< one medium, the same everywhere but for its density
 };
 
 }  // namespace brume

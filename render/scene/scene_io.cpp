@@ -163,9 +163,9 @@ void check_instances(const Parser& parser, InstanceSettings& s, const toml::valu
     fail_at("[[instances]] has neither 'matrices' nor 'file'", table, "add one of them: where the volume stands");
   if (static_cast<size_t>(s.volume) >= volumes.size())
     fail_at(fmt::format("'volume' is {}", s.volume), parser.has("volume") ? table.at("volume") : table,
-            volumes.empty() ? "the scene has no [[volumes]]"
-                            : fmt::format("expected 0 .. {}: the scene has {} [[volumes]]", volumes.size() - 1,
-                                          volumes.size()));
+            volumes.empty()
+                ? "the scene has no [[volumes]]"
+                : fmt::format("expected 0 .. {}: the scene has {} [[volumes]]", volumes.size() - 1, volumes.size()));
   for (size_t i = 0; i < s.matrices.size(); ++i)
     if (const std::string wrong = what_forbids_transform(s.matrices[i]); !wrong.empty())
       fail_at(fmt::format("matrix {} of 'matrices' is {}", i, wrong), table.at("matrices").as_array()[i],
@@ -319,7 +319,8 @@ Scene scene_from(std::istream& stream, const fs::path& path, std::span<const std
         check_instances(parser, s, table, volumes);
       },
       instances);
-  std::erase_if(scene.instances, [&](const InstanceSettings& s) { return volumes[static_cast<size_t>(s.volume)] == kLeftOut; });
+  std::erase_if(scene.instances,
+                [&](const InstanceSettings& s) { return volumes[static_cast<size_t>(s.volume)] == kLeftOut; });
   for (InstanceSettings& s : scene.instances) s.volume = static_cast<int>(volumes[static_cast<size_t>(s.volume)]);
   check_places(root, "volumes", arrays.volumes);
   check_places(root, "instances", arrays.instances);

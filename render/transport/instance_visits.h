@@ -1,9 +1,11 @@
 #pragma once
 #include <array>
 #include <cstdint>
+#include <optional>
+#include <span>
 
 #include "render/transport/path_states.h"
-#include "volume/instances.h"
+#include "volume/medium.h"
 
 namespace brume {
 
@@ -18,6 +20,8 @@ class InstanceVisits {
     own.count = own.at = 0;
     own.first = first;
     own.begins = true;
+    own.told = false;
+    own.around.reset();
   }
   /// The next instance that a ray meets before `end`; false where there is none.
   bool next(const Instances& instances, size_t slot, const Ray& ray, double end) {
@@ -26,6 +30,21 @@ class InstanceVisits {
       own.begins = false;
       instance[slot] = own.first;
       if (own.first >= 0) return true;
+    } else if (own.first >= 0 && !own.told) {
+      // A ray that ends where it began meets no others but those around.
+      own.told = true;
+      const auto number = static_cast<size_t>(own.first);
+      const auto [from, to] = instances.part(number, ray, kUnbounded);
+      if (from == 0 && end <= to) own.around = instances.around(number);
+    }
+    if (own.around) {
+      while (own.at < own.around->size()) {
+        const uint32_t other = (*own.around)[own.at++];
+        const auto [from, to] = instances.part(other, ray, end);
+        instance[slot] = static_cast<int32_t>(other);
+        if (from < to) return true;
+      }
+      return false;
     }
     while (next_in_order(instances, own, ray, end)) {
       instance[slot] = static_cast<int32_t>(own.last.number);
@@ -43,7 +62,8 @@ class InstanceVisits {
     Instances::Met last;
     uint32_t count, at;
     int32_t first;
-    bool begins;
+    bool begins, told;                                // told: whether there are few around
+    std::optional<std::span<const uint32_t>> around;  // of the first one, where no others are met
   };
   static bool next_in_order(const Instances& instances, OfRay& own, const Ray& ray, double end) {
     if (own.at == own.count) {

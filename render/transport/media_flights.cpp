@@ -230,8 +230,7 @@ void MediaFlights::replay(size_t m, const SlotList& rays, const std::array<doubl
     lanes_fly(scenes_[m], p_, inside_, hits_, passed_, counters_.lookups);
     for (const size_t i : passed_) probability[i] = p_.flight_factor[i];
   } else {
-    for (const size_t i : rays)
-      probability[i] = vec3(fly_one(c_.media[m].at_time(w_.time[i]), i, end[i]).probability);
+    for (const size_t i : rays) probability[i] = vec3(fly_one(c_.media[m].at_time(w_.time[i]), i, end[i]).probability);
   }
   for (const size_t i : rays) PathGenerator(p_, i).set(flown.resumed[i]);
 }

@@ -4,6 +4,7 @@
 
 #include <algorithm>
 #include <array>
+#include <bit>
 #include <cctype>
 #include <cmath>
 #include <optional>
@@ -12,6 +13,7 @@
 #include <vector>
 
 #include "base/error.h"
+#include "base/rng.h"
 #include "base/text.h"
 #include "render/world/file_numbers.h"
 #include "render/world/ply_file.h"
@@ -192,7 +194,8 @@ class Columns {
 InstanceList read_places(const fs::path& path) {
   const std::string kind = plain(path.extension().string());
   if (kind != "csv" && kind != "ply")
-    throw InputError(fmt::format("{}: of the kind '{}'; expected .csv or .ply", path.string(), path.extension().string()));
+    throw InputError(
+        fmt::format("{}: of the kind '{}'; expected .csv or .ply", path.string(), path.extension().string()));
   const Table table = kind == "csv" ? read_csv(path) : read_points(path);
   const Columns columns(path, table);
   InstanceList list;
@@ -201,6 +204,29 @@ InstanceList read_places(const fs::path& path) {
 }
 
 }  // namespace
+
+std::string check_places(const std::string& name, const InstanceList& list) {
+  const size_t count = list.matrices.size();
+  if (count == 0) throw InputError(fmt::format("{}: has no matrices; expected one for each place", name));
+  for (const auto& [what, have] : {std::pair("densities", list.densities.size()), {"tints", list.tints.size()}})
+    if (have > 0 && have != count)
+      throw InputError(
+          fmt::format("{}.{}: {} rows, expected {}, one for each of its matrices", name, what, have, count));
+  const auto at_least_0 = [](double v) { return v >= 0 && std::isfinite(v); };
+  uint64_t hash = count;
+  const auto add = [&](double v) { hash = mix64(hash ^ std::bit_cast<uint64_t>(v)); };
+  for (size_t i = 0; i < count; ++i) {
+    if (!list.densities.empty() && !at_least_0(list.densities[i]))
+      throw InputError(fmt::format("{}.densities: {} in row {}; expected at least 0", name, list.densities[i], i));
+    for (int c = 0; c < 3 && !list.tints.empty(); ++c)
+      if (!at_least_0(list.tints[i][c]))
+        throw InputError(fmt::format("{}.tints: {} in row {}; expected at least 0", name, list.tints[i][c], i));
+    for (int a = 0; a < 16; ++a) add(list.matrices[i][a / 4][a % 4]);
+    if (!list.densities.empty()) add(list.densities[i]);
+    for (int c = 0; c < 3 && !list.tints.empty(); ++c) add(list.tints[i][c]);
+  }
+  return fmt::format("{:016x}", hash);
+}
 
 InstanceList places_of(const InstanceSettings& settings, const std::string& name) {
   InstanceList list = settings.arrays ? *settings.arrays : InstanceList{settings.matrices, {}, {}};

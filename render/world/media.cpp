@@ -98,8 +98,8 @@ VectorField load_colour_field(const std::filesystem::path& file, const std::stri
   return read_if_there<VectorField>(name, [&] { return load_colour(file, name_or_none(name), task); });
 }
 
-/// A scene's volumes and where they stand. Those that cannot share all that a medium is with their instances stand there
-/// as so many volumes.
+/// A scene's volumes and where they stand. Those that cannot share all that a medium is with their instances stand
+/// there as so many volumes.
 struct SceneMedia::Places {
   explicit Places(const Scene& scene) : world(scene) {
     if (scene.instances.empty()) {
@@ -130,8 +130,8 @@ struct SceneMedia::Places {
     }
     for (size_t k = 0; k < all.tints.size(); ++k)
       if (const double highest = max_component(v.albedo * all.tints[k]); highest > 1 + 1e-9)
-        throw InputError(fmt::format("volumes.{}: the tint of its instance {} makes an albedo of {:.6g}; expected at most 1",
-                                     i, k, highest));
+        throw InputError(fmt::format(
+            "volumes.{}: the tint of its instance {} makes an albedo of {:.6g}; expected at most 1", i, k, highest));
     const std::string why = why_copies(v, scene);
     if (all.matrices.empty() || why.empty()) {
       add(v, i).instances.back() = std::move(all);
@@ -139,8 +139,8 @@ struct SceneMedia::Places {
     }
     if (all.matrices.size() > kMostCopies)
       throw InputError(fmt::format(
-          "volumes.{}: it {}, and stands at {} places; expected at most {} of such a volume, or one that does not", i, why,
-          all.matrices.size(), kMostCopies));
+          "volumes.{}: it {}, and stands at {} places; expected at most {} of such a volume, or one that does not", i,
+          why, all.matrices.size(), kMostCopies));
     for (size_t k = 0; k < all.matrices.size(); ++k) {
       VolumeSettings copy = v;
       copy.object_to_world = all.matrices[k] * v.object_to_world;
@@ -307,8 +307,8 @@ class SceneMedia::Loader {
     count(density.summary.name, density.bricks.bytes());
     if (const BrickGrid& b = density.bricks; !b.empty()) {
       const dvec3 middle = 0.5 * (b.support_lo() + b.support_hi()) + dvec3(b.origin());
-      shift_world_to(dvec3(first_place() * density.world_from_index * translation(v_.index_offset) *
-                           glm::dvec4(middle, 1.0)));
+      shift_world_to(
+          dvec3(first_place() * density.world_from_index * translation(v_.index_offset) * glm::dvec4(middle, 1.0)));
     }
     Medium medium(density.bricks, world_from(density.world_from_index), {v_.sigma_t, v_.albedo}, phase_of(v_));
     if (v_.albedo_grid != "none" && !medium.empty()) load_colour_into(medium);
@@ -316,8 +316,8 @@ class SceneMedia::Loader {
       note("velocity_grid is set but camera.shutter opens and closes at once: no motion blur");
     set_in_motion(medium, density, volume_->displacement);
     if (!medium.empty() && medium.extinction_per_density() > 0)
-      add_medium(medium, density.world_from_index * translation(v_.index_offset) *
-                             translation(dvec3(density.bricks.origin())));
+      add_medium(medium,
+                 density.world_from_index * translation(v_.index_offset) * translation(dvec3(density.bricks.origin())));
     if (const double highest = density.bricks.maximum(); v_.emission != dvec3(0) && !medium.empty())
       into_.emissions_.emplace_back(medium,
                                     EmissionRamp::of_colours({{0.0, dvec3(0)}, {highest, v_.emission * highest}}, 1.0));
@@ -356,8 +356,7 @@ class SceneMedia::Loader {
         "{}: grid '{}' holds densities up to {:.3g}: a flight through one cell may take {:.1g} steps{}; half of its positive voxels are at most {:.3g}, 99 % {:.3g}, 99.99 % {:.3g}; {}",
         named_, volume_->density.summary.name, medium.maximum_density(), most,
         most > kEndless ? ", which never ends" : ", and the render be slow", q.at(0), q.at(1), q.at(2),
-        few ? fmt::format("if the rest is damage, limit it: -D volumes.{}.max_density={:.3g}",
-                          number_, q.at(2))
+        few ? fmt::format("if the rest is damage, limit it: -D volumes.{}.max_density={:.3g}", number_, q.at(2))
             : "expected a smaller sigma_t or density");
     if (most > kEndless) throw InputError(text);
     check_depth(medium);
