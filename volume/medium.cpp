@@ -109,7 +109,34 @@ std::pair<dvec3, dvec3> Medium::support() const {
   return {walked().support_lo() - walked_shift(), walked().support_hi() - walked_shift()};
 }
 
+Medium Medium::instance(size_t number) const {
+  const Instance& one = (*instances_)[number];
+  Medium medium = *this;
+  medium.instances_ = nullptr;
+  medium.placement_ = Placement(one.to_local);
+  if (colour_)
+    medium.colour_placement_ =
+        Placement(medium.placement_.world_from_local() * glm::inverse(placement_.world_from_local()) *
+                  colour_placement_.world_from_local());
+  medium.set_coefficients({coefficients_.sigma_t * one.density, coefficients_.albedo * one.tint});
+  return medium;
+}
+
+std::array<dvec3, 8> Medium::corners() const {
+  const auto [lo, hi] = instances_ ? std::pair(instances_->lo(), instances_->hi()) : support();
+  std::array<dvec3, 8> corners;
+  for (size_t k = 0; k < 8; ++k) {
+    const dvec3 p{k & 1 ? hi.x : lo.x, k & 2 ? hi.y : lo.y, k & 4 ? hi.z : lo.z};
+    corners[k] = instances_ ? p : to_world(p);
+  }
+  return corners;
+}
+
 Medium::Sphere Medium::bounding_sphere() const {
+  if (instances_) {
+    const dvec3 lo = instances_->lo(), hi = instances_->hi();
+    return {0.5 * (lo + hi), 0.5 * glm::length(hi - lo)};
+  }
   const auto [lo, hi] = support();
   Sphere sphere{to_world(0.5 * (lo + hi)), 0};
   for (int k = 0; k < 8; ++k) {

@@ -5,6 +5,7 @@
 #include <optional>
 
 #include "volume/brick_grid.h"
+#include "volume/instances.h"
 #include "volume/phase_function.h"
 #include "volume/placement.h"
 
@@ -93,6 +94,27 @@ class Medium {
   /// @param bricks     is given the density; must outlive the medium
   Medium resampled(int per_voxel, BrickGrid& bricks, const SampleDensity& sample, const Task& task) const;
 
+  /// Where it stands instead of its own place; null: there. Not of media that move or are chromatic.
+  const Instances* instances() const { return instances_; }
+  void set_instances(const Instances& instances) { instances_ = &instances; }
+  /// One of its instances, as a medium of its own.
+  Medium instance(size_t number) const;
+  /// The one whose voxels have the largest optical depth; itself where it has no instances.
+  Medium thickest() const { return instances_ ? instance(instances_->thickest()) : *this; }
+  /// Calls visit(medium, number) for each instance that a world ray may meet before t_max; once with itself where it
+  /// has none.
+  template <class Visit>
+  void each_met(const Ray& world, double t_max, const Visit& visit) const {
+    if (!instances_) return visit(*this, size_t{0});
+    instances_->each_met(world, t_max, [&](size_t i) { visit(instance(i), i); });
+  }
+  /// The same for each around a world point.
+  template <class Visit>
+  void each_around(const dvec3& world, const Visit& visit) const {
+    if (!instances_) return visit(*this, size_t{0});
+    instances_->each_around(world, [&](size_t i) { visit(instance(i), i); });
+  }
+
   bool empty() const { return !homogeneous_ && (bricks_ == nullptr || bricks_->empty()); }
   const std::optional<HomogeneousShape>& homogeneous() const { return homogeneous_; }
   /// Meaningless for a homogeneous medium.
@@ -120,6 +142,11 @@ class Medium {
     return coefficients_.albedo * glm::clamp(colour_->lookup(colour_placement_.to_local(world)), 0.0, 1.0);
   }
   const dvec3& albedo() const { return coefficients_.albedo; }
+  /// The same of an instance, at a world point of it.
+  dvec3 albedo(size_t number, const dvec3& world) const {
+    const Instance& one = (*instances_)[number];
+    return one.tint * albedo(placement_.to_world(one.to_local(world)));
+  }
   bool coloured() const { return colour_ != nullptr; }
   const PhaseFunction& phase() const { return phase_; }
 
@@ -130,7 +157,8 @@ class Medium {
   dvec3 to_world(const dvec3& local) const { return placement_.to_world(local); }
   dvec3 gradient_to_world(const dvec3& local) const { return placement_.gradient_to_world(local); }
   double voxel_volume() const { return placement_.voxel_volume(); }
-  double voxel_size() const { return placement_.voxel_size(); }
+  /// Of instances on average.
+  double voxel_size() const { return instances_ ? instances_->voxel_size() : placement_.voxel_size(); }
 
   /// Density at a local point, displaced where the medium is.
   double density(const dvec3& local) const {
@@ -155,6 +183,8 @@ class Medium {
     dvec3 centre{0};
     double radius = 0;
   };
+  /// Corners of a world box around it, or around all of its instances.
+  std::array<dvec3, 8> corners() const;
   /// Encloses the support, world space.
   Sphere bounding_sphere() const;
 
@@ -168,6 +198,7 @@ class Medium {
   const VectorBricks* colour_ = nullptr;
   Placement colour_placement_;
   const Displacement* displacement_ = nullptr;
+  const Instances* instances_ = nullptr;
   double time_ = 0, majorant_scale_ = 1;
   bool global_majorant_ = false;
   Coefficients coefficients_;

@@ -10,7 +10,7 @@
 
 namespace brume {
 
-void check_transform(const dmat4& m, const char* what) {
+std::string what_forbids_transform(const dmat4& m) {
   bool finite = true;
   for (int i = 0; i < 4; ++i)
     for (int j = 0; j < 4; ++j) finite = finite && std::isfinite(m[i][j]);
@@ -19,11 +19,17 @@ void check_transform(const dmat4& m, const char* what) {
   const double determinant = glm::determinant(linear);
   // Relative to the edges' lengths, so that voxels of 1e-6 and of 1e6 are judged alike.
   if (!finite || !(std::abs(determinant) > 1e-12 * lengths))
-    throw InputError(
-        fmt::format("{} is singular (determinant {}); expected an invertible affine map", what, determinant));
+    return fmt::format("singular (determinant {})", determinant);
   if (m[0][3] != 0 || m[1][3] != 0 || m[2][3] != 0 || m[3][3] != 1)
-    throw InputError(fmt::format("{} is not affine: its last row is ({}, {}, {}, {}); expected (0, 0, 0, 1)", what,
-                                 m[0][3], m[1][3], m[2][3], m[3][3]));
+    return fmt::format("not affine: its last row is ({}, {}, {}, {})", m[0][3], m[1][3], m[2][3], m[3][3]);
+  return "";
+}
+
+void check_transform(const dmat4& m, const char* what) {
+  const std::string wrong = what_forbids_transform(m);
+  if (wrong.empty()) return;
+  throw InputError(fmt::format("{} is {}; expected {}", what, wrong,
+                               wrong.starts_with("singular") ? "an invertible affine map" : "(0, 0, 0, 1)"));
 }
 
 dmat4 translation(const dvec3& t) {
@@ -39,6 +45,11 @@ Placement::Placement(const dmat4& world_from_local) {
   world_offset_ = dvec3(world_from_local[3]);
   to_local_.offset = -(to_local_.matrix * world_offset_);
 }
+
+Placement::Placement(const ToLocal& to_local)
+    : to_local_(to_local),
+      world_from_local_(glm::inverse(to_local.matrix)),
+      world_offset_(-(world_from_local_ * to_local.offset)) {}
 
 RayCone Placement::to_local(const RayCone& world) const {
   double most = 0;

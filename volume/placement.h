@@ -1,4 +1,6 @@
 #pragma once
+#include <string>
+
 #include "volume/ray_cone.h"
 
 namespace brume {
@@ -19,6 +21,7 @@ class Placement {
   Placement() = default;
   /// @throws InputError when the map is singular, not affine or not finite
   explicit Placement(const dmat4& world_from_local);
+  explicit Placement(const ToLocal& to_local);
 
   Ray to_local(const Ray& world) const { return to_local_(world); }
   /// @param world  its bounds must hold in every direction, not only along the axes
@@ -40,6 +43,9 @@ class Placement {
   dmat3 world_from_local_{1};
   dvec3 world_offset_{0};
 };
+
+/// "singular (determinant 0)", "not affine ...": why a matrix is no place in space; empty where it is one.
+std::string what_forbids_transform(const dmat4& m);
 
 /// Throws InputError unless the upper 3 x 3 part can be inverted and all is finite; `what` names it in the message.
 void check_transform(const dmat4& m, const char* what);

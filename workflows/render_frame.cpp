@@ -69,6 +69,7 @@ Scene scene_of(const RenderOptions& o, const Host& host) {
 void check_outputs(const RenderOptions& o, const Scene& scene) {
   std::vector<fs::path> inputs = {o.scene, scene.environment.file, scene.camera.from_exr};
   for (const VolumeSettings& volume : scene.volumes) inputs.push_back(volume.file);
+  for (const InstanceSettings& instances : scene.instances) inputs.push_back(instances.file);
   for (const SurfaceSettings& surface : scene.surfaces)
     inputs.insert(inputs.end(), {surface.file, surface.albedo_texture});
   for (const fs::path& file : {o.checkpoint, o.updates, o.deep})

@@ -163,7 +163,8 @@ std::vector<std::string> left_out_of(const Scene& scene, bool has_media) {
 std::optional<double> depth_seen(const PathContext& context, const Ray& ray) {
   const auto depth_to = [&](double t) {
     double sum = 0;
-    for (const Medium& m : context.media) sum += optical_depth(m, m.to_local(ray), t);
+    for (const Medium& m : context.media)
+      m.each_met(ray, t, [&](const Medium& one, size_t) { sum += optical_depth(one, one.to_local(ray), t); });
     return sum;
   };
   const std::optional<SurfaceHit> hit = context.surfaces ? context.surfaces->intersect(ray, kFar) : std::nullopt;
@@ -810,7 +811,7 @@ void Viewer::tell_scene(const ViewLook& look, bool reloaded) {
     if (!table.path.starts_with("volumes.")) continue;
     if (const SceneKey* const file = table.find("file")) entry.grids = scene_.grids(std::get<std::string>(file->value));
     if (is_enabled(table) && enabled_volumes == context.media.size())
-      entry.depth = depths_along_axes(context.media[volume++]);
+      entry.depth = depths_along_axes(context.media[volume++].thickest());
   }
   listener_.scene(text);
   const std::lock_guard lock(mutex_);

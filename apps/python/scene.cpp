@@ -120,6 +120,20 @@ py::dict arrays_of(const TriangleMesh& mesh) {
   return arrays;
 }
 
+py::dict arrays_of(const InstanceList& places) {
+  py::dict arrays;
+  const auto count = static_cast<py::ssize_t>(places.matrices.size());
+  py::array_t<double> matrices({count, py::ssize_t{4}, py::ssize_t{4}});
+  for (size_t i = 0; i < places.matrices.size(); ++i)
+    for (int row = 0; row < 4; ++row)
+      for (int column = 0; column < 4; ++column)
+        matrices.mutable_at(static_cast<py::ssize_t>(i), row, column) = places.matrices[i][column][row];
+  arrays["matrices"] = matrices;
+  if (!places.densities.empty()) arrays["densities"] = py::array_t<double>(count, places.densities.data());
+  if (!places.tints.empty()) arrays["tints"] = array_of<double>(places.tints);
+  return arrays;
+}
+
 /// Tables, lists of tables and arrays, as the scene's text and its changes say.
 py::dict settings(const SceneObject& scene) {
   const SceneSource source = scene.source();
@@ -129,14 +143,16 @@ py::dict settings(const SceneObject& scene) {
     entry.attr("update")(arrays);
   };
   for (const auto& [index, grids] : source.arrays.volumes) add("volumes", index, arrays_of(*grids));
+  for (const auto& [index, places] : source.arrays.instances) add("instances", index, arrays_of(*places.list));
   for (const auto& [index, mesh] : source.arrays.meshes) add("surfaces", index, arrays_of(*mesh.mesh));
   return all;
 }
 
 py::tuple state_of(const SceneObject& scene) {
   const SceneSource source = scene.source();
-  py::dict volumes, meshes;
+  py::dict volumes, instances, meshes;
   for (const auto& [index, grids] : source.arrays.volumes) volumes[py::int_(index)] = arrays_of(*grids);
+  for (const auto& [index, places] : source.arrays.instances) instances[py::int_(index)] = arrays_of(*places.list);
   for (const auto& [index, mesh] : source.arrays.meshes) meshes[py::int_(index)] = arrays_of(*mesh.mesh);
   const auto strings = [](const std::vector<std::string>& texts) {
     py::list list;
@@ -144,7 +160,7 @@ py::tuple state_of(const SceneObject& scene) {
     return list;
   };
   return py::make_tuple(to_str(source.path.string()), to_str(source.text), strings(source.overrides),
-                        strings(source.assumptions), volumes, meshes);
+                        strings(source.assumptions), volumes, meshes, instances);
 }
 
 ScenePointer scene_of_state(const py::tuple& state) {
@@ -154,7 +170,7 @@ ScenePointer scene_of_state(const py::tuple& state) {
   for (const py::handle text : py::list(state[2])) source.overrides.push_back(to_text(text));
   for (const py::handle text : py::list(state[3])) source.assumptions.push_back(to_text(text));
   SceneChanges changes;
-  for (const auto& [list, at] : {std::pair("volumes", 4), {"surfaces", 5}})
+  for (const auto& [list, at] : {std::pair("volumes", 4), {"surfaces", 5}, {"instances", 6}})
     for (const auto& [index, arrays] : py::dict(state[static_cast<size_t>(at)]))
       for (const auto& [name, array] : py::dict(py::reinterpret_borrow<py::object>(arrays)))
         changes.take_array(list, index.cast<size_t>(), to_text(name), array);
@@ -252,7 +268,7 @@ void bind_scene(py::module_& module) {
   type.def("__repr__", [](const SceneObject& self) {
     const SceneSource source = self.source();
     const SceneArrays& arrays = source.arrays;
-    const size_t count = arrays.volumes.size() + arrays.meshes.size();
+    const size_t count = arrays.volumes.size() + arrays.instances.size() + arrays.meshes.size();
     return to_str(fmt::format("<brume.Scene {}{}>", source.path.filename().string(),
                               count ? fmt::format(", {} of arrays", count) : ""));
   });

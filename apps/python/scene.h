@@ -69,9 +69,9 @@ class SceneChanges {
   explicit SceneChanges(const py::kwargs& keywords);
   SceneChanges() = default;
 
-  /// @return whether a key of [[volumes]] or [[surfaces]] is one for an array, and has one
+  /// @return whether a key of [[volumes]], [[instances]] or [[surfaces]] is one for an array, and has one
   bool take_array(const std::string& list, size_t index, const std::string& key, py::handle value);
-  bool has_arrays() const { return !volumes_.empty() || !meshes_.empty(); }
+  bool has_arrays() const { return !volumes_.empty() || !instances_.empty() || !meshes_.empty(); }
   /// Assignments on the scene's text.
   const std::vector<std::string>& overrides() const { return overrides_; }
   /// Gives a scene the arrays and the assignments. Without Python's lock. @throws InputError
@@ -86,8 +86,14 @@ class SceneChanges {
     std::optional<std::vector<vec3>> normals;
     std::optional<std::vector<vec2>> texcoords;
   };
+  struct Places {
+    std::optional<std::vector<dmat4>> matrices;
+    std::optional<std::vector<double>> densities;
+    std::optional<std::vector<dvec3>> tints;
+  };
   std::vector<std::string> overrides_;
   std::map<size_t, VolumeArrays> volumes_;
+  std::map<size_t, Places> instances_;
   std::map<size_t, Mesh> meshes_;
   std::vector<py::array> alive_;  // what the volumes look into
 };

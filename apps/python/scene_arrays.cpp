@@ -9,8 +9,10 @@
 
 #include "apps/python/scene.h"
 #include "base/text.h"
+#include "render/world/instance_files.h"
 #include "render/world/mesh.h"
 #include "render/world/polygon.h"
+#include "volume/placement.h"
 
 namespace brume::python {
 namespace {
@@ -19,7 +21,8 @@ using Doubles = py::array_t<double, py::array::c_style | py::array::forcecast>;
 
 const std::vector<std::string> kScalarGrids = {"density", "temperature", "flame"}, kVectorGrids = {"color", "velocity"},
                                kMeshArrays = {"vertices", "faces", "normals", "texcoords"},
-                               kLists = {"lights", "surfaces", "volumes"};
+                               kInstanceArrays = {"matrices", "densities", "tints"},
+                               kLists = {"instances", "lights", "surfaces", "volumes"};
 
 bool is_one_of(const std::vector<std::string>& names, const std::string& name) {
   return std::find(names.begin(), names.end(), name) != names.end();
@@ -81,6 +84,27 @@ std::vector<Row> rows(const std::string& what, py::handle value, const char* exp
   for (Row& row : result)
     for (int a = 0; a < kColumns; ++a) row[a] = static_cast<typename Row::value_type>(*from++);
   return result;
+}
+
+/// Matrices of four rows, as a scene's text has them.
+std::vector<dmat4> matrices(const std::string& what, py::handle value) {
+  const Doubles array(to_real_array(what, value));
+  if (array.ndim() != 3 || array.shape(1) != 4 || array.shape(2) != 4) refuse_shape(what, "instances x 4 x 4", array);
+  std::vector<dmat4> result(static_cast<size_t>(array.shape(0)));
+  const double* from = array.data();
+  for (size_t i = 0; i < result.size(); ++i) {
+    for (int row = 0; row < 4; ++row)
+      for (int column = 0; column < 4; ++column) result[i][column][row] = *from++;
+    if (const std::string wrong = what_forbids_transform(result[i]); !wrong.empty())
+      throw InputError(fmt::format("{}: matrix {} is {}; expected an invertible affine map", what, i, wrong));
+  }
+  return result;
+}
+
+std::vector<double> numbers(const std::string& what, py::handle value) {
+  const Doubles array(to_real_array(what, value));
+  if (array.ndim() != 1) refuse_shape(what, "instances", array);
+  return {array.data(), array.data() + array.size()};
 }
 
 /// Faces of three corners or more, cut into triangles.
@@ -265,6 +289,13 @@ bool SceneChanges::take_array(const std::string& list, size_t index, const std::
     }
     return true;
   }
+  if (list == "instances" && is_one_of(kInstanceArrays, key)) {
+    Places& places = instances_[index];
+    if (key == "matrices") places.matrices = matrices(what, value);
+    if (key == "tints") places.tints = rows<dvec3>(what, value, "instances x 3");
+    if (key == "densities") places.densities = numbers(what, value);
+    return true;
+  }
   if (list != "surfaces" || !is_one_of(kMeshArrays, key)) return false;
   if (key == "normals" && PyUnicode_Check(value.ptr())) return false;  // smooth or flat
   Mesh& mesh = meshes_[index];
@@ -286,6 +317,15 @@ void SceneChanges::apply_arrays(SceneSource& source, const Task& task) const {
     const VolumeGrids* const others = known == source.arrays.volumes.end() ? nullptr : known->second.get();
     check_sizes(fmt::format("volumes.{}", index), arrays, others);
     source.arrays.volumes[index] = grids_of_arrays(arrays, others, task);
+  }
+  for (const auto& [index, given] : instances_) {
+    const auto known = source.arrays.instances.find(index);
+    InstanceList list = known == source.arrays.instances.end() ? InstanceList() : *known->second.list;
+    if (given.matrices) list = {*given.matrices, {}, {}};
+    if (given.densities) list.densities = *given.densities;
+    if (given.tints) list.tints = *given.tints;
+    std::string content = check_places(fmt::format("instances.{}", index), list);
+    source.arrays.instances[index] = {std::make_shared<const InstanceList>(std::move(list)), std::move(content)};
   }
   for (const auto& [index, given] : meshes_) {
     const auto known = source.arrays.meshes.find(index);

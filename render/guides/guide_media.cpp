@@ -33,9 +33,7 @@ dvec3 tint_of(const Medium& medium) {
 }
 
 void enclose(const Medium& medium, dvec3& lo, dvec3& hi) {
-  const auto [a, b] = medium.support();
-  for (int k = 0; k < 8; ++k) {
-    const dvec3 p = medium.to_world({k & 1 ? b.x : a.x, k & 2 ? b.y : a.y, k & 4 ? b.z : a.z});
+  for (const dvec3& p : medium.corners()) {
     lo = glm::min(lo, p);
     hi = glm::max(hi, p);
   }
@@ -113,6 +111,7 @@ GuideMedia::GuideMedia(std::span<const Medium> media, std::span<const EmissionFi
     media_.push_back(resampled(displaced_.back(), time, task));
     mean_cosine_.push_back(mean_cosine_of(m.phase()));
     coloured_ = coloured_ || m.chromatic() || m.coloured();
+    instances_ = instances_ || m.instances();
     Constants& c = constants_.emplace_back();
     for (GuideColour colour = kGrey; colour < 3; ++colour) {
       c.per_density[static_cast<size_t>(colour + 1)] = in_colour(m.coefficients().sigma_t, colour);
@@ -122,8 +121,9 @@ GuideMedia::GuideMedia(std::span<const Medium> media, std::span<const EmissionFi
     c.inverse_maximum = m.maximum_density() > 0 ? 1 / m.maximum_density() : 0;
     take(displaced_.back());
   }
-  for (const Constants& c : constants_)
-    mixed_tints_ = mixed_tints_ || (!coloured_ && glm::distance(c.tint, constants_[0].tint) > 1e-9);
+  for (size_t i = 0; i < constants_.size(); ++i)
+    mixed_tints_ = mixed_tints_ || (!coloured_ && (glm::distance(constants_[i].tint, constants_[0].tint) > 1e-9 ||
+                                                   (media_[i].instances() && media_[i].instances()->tinted())));
   for (const EmissionField& e : emissions) {
     const EmissionField now = e.at_time(time);
     emissions_.push_back(now.shape().displacement() ? EmissionField(resampled(now.shape(), time, task), now.ramp())
@@ -143,7 +143,14 @@ double GuideMedia::scattering(size_t medium, const dvec3& world, GuideColour col
   const Medium& m = media_[medium];
   const Constants& c = constants_[medium];
   const auto k = static_cast<size_t>(colour - kGrey);
-  return m.density(m.to_local(world)) * c.per_density[k] * c.albedo[k];
+  const Instances* const all = m.instances();
+  if (!all) return m.density(m.to_local(world)) * c.per_density[k] * c.albedo[k];
+  double sum = 0;
+  all->each_around(world, [&](size_t i) {
+    const Instance& one = (*all)[i];
+    sum += m.density(one.to_local(world)) * one.density * c.per_density[k] * in_colour(m.albedo() * one.tint, colour);
+  });
+  return sum;
 }
 
 dvec3 GuideMedia::emission(const dvec3& world) const {
@@ -155,7 +162,8 @@ dvec3 GuideMedia::emission(const dvec3& world) const {
 dvec3 GuideMedia::followed(const dvec3& world, const GuideMedia& other) const {
   if (this == &other) return world;
   for (size_t i = 0; i < media_.size(); ++i)
-    if (media_.size() == 1 || media_[i].density(media_[i].to_local(world)) > 0) return moved(i, world, other);
+    if (!media_[i].instances() && (media_.size() == 1 || media_[i].density(media_[i].to_local(world)) > 0))
+      return moved(i, world, other);
   return world;
 }
 
@@ -163,11 +171,12 @@ void GuideMedia::intervals(const Ray& ray, double t_max, std::vector<std::pair<d
                            bool uneven) const {
   parts.clear();
   const auto add = [&](const Medium& m) {
-    if (!uneven || !m.homogeneous()) add_intervals(m, ray, t_max, parts);
+    if (!uneven || !m.homogeneous())
+      m.each_met(ray, t_max, [&](const Medium& one, size_t) { add_intervals(one, ray, t_max, parts); });
   };
   for (const Medium& m : media_) add(m);
   for (const EmissionField& e : emissions_) add(e.shape());
-  if (media_.size() + emissions_.size() > 1) merge(parts);
+  if (media_.size() + emissions_.size() > 1 || instances_) merge(parts);
 }
 
 }  // namespace brume

@@ -38,6 +38,8 @@ class GuideMedia {
   /// Of the finest grid [world units].
   double voxel() const { return voxel_; }
   const std::vector<Medium>& media() const { return media_; }
+  /// Whether some stand at many places.
+  bool instances() const { return instances_; }
   const std::vector<EmissionField>& emissions() const { return emissions_; }
   /// Mean cosine of a medium's phase function.
   double mean_cosine(size_t medium) const { return mean_cosine_[medium]; }
@@ -85,7 +87,7 @@ class GuideMedia {
   std::vector<EmissionField> emissions_;
   std::vector<Constants> constants_;
   std::vector<double> mean_cosine_;
-  bool coloured_ = false, mixed_tints_ = false;
+  bool coloured_ = false, mixed_tints_ = false, instances_ = false;
   dvec3 lo_{0}, hi_{0};
   double voxel_ = 0;
 };

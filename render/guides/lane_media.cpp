@@ -63,11 +63,71 @@ V Density(const LaneMedia::Part& part, const LocalLines& lines, int k, V lane) {
   return hn::Load(D(), density);
 }
 
+/// An instance that lines may meet, from one to another of their samples.
+struct MetInstance {
+  const LaneMedia::Part* part;
+  LocalLines lines;
+  float extinction;  // of a sample
+  int first, last;
+};
+
+/// The instances whose boxes the lines may meet.
+std::vector<MetInstance> instances_met(const std::vector<LaneMedia::Part>& parts, const LaneMedia::Lines& lines,
+                                       double step) {
+  std::vector<MetInstance> met;
+  const int samples = (lines.nodes - 1) * lines.inner;
+  const dvec3 across = static_cast<double>(LaneMedia::Lines::kMost - 1) * lines.across;
+  const dvec3 along = lines.length * (lines.nodes - 1) * lines.along;
+  const dvec3 end = lines.start + across + along;
+  dvec3 lo = glm::min(lines.start, end), hi = glm::max(lines.start, end);
+  for (const dvec3& corner : {lines.start + across, lines.start + along}) {
+    lo = glm::min(lo, corner);
+    hi = glm::max(hi, corner);
+  }
+  for (const LaneMedia::Part& part : parts) {
+    const Instances* const all = part.medium->instances();
+    if (!all) continue;
+    const auto [from, to] = part.medium->support();
+    all->each_near(lo, hi, [&](size_t i) {
+      const Instance& one = (*all)[i];
+      const Ray ray = one.to_local(Ray{lines.start + 0.5 * step * lines.along, lines.along});
+      const LocalLines local{ray.o, one.to_local.matrix * lines.across, step * ray.d};
+      // Against the box, wider by as much as lines lie apart.
+      const dvec3 apart = glm::abs(local.across * static_cast<double>(LaneMedia::Lines::kMost - 1));
+      double first = 0, last = samples - 1;
+      for (int a = 0; a < 3; ++a) {
+        const double low = from[a] - apart[a] - local.start[a], high = to[a] + apart[a] - local.start[a];
+        if (std::abs(local.step[a]) < 1e-12) {
+          if (low > 0 || high < 0) return;
+          continue;
+        }
+        first = std::max(first, std::min(low / local.step[a], high / local.step[a]));
+        last = std::min(last, std::max(low / local.step[a], high / local.step[a]));
+      }
+      if (first > last) return;
+      met.push_back({&part, local, static_cast<float>(part.sigma_t * one.density * step),
+                     static_cast<int>(std::ceil(first)), static_cast<int>(std::floor(last))});
+    });
+  }
+  return met;
+}
+
 void SumDepths(const std::vector<LaneMedia::Part>& parts, const LaneMedia::Lines& lines, float* depths) {
   const D d;
   constexpr int kMost = LaneMedia::Lines::kMost;
   std::vector<LocalLines> local;
   const double step = lines.length / lines.inner;
+  const bool instances = std::any_of(parts.begin(), parts.end(), [](const auto& p) { return p.medium->instances(); });
+  const std::vector<MetInstance> met = instances ? instances_met(parts, lines, step) : std::vector<MetInstance>();
+  std::vector<float> of_instances(instances ? static_cast<size_t>(lines.nodes) * kMost : 0);
+  for (const MetInstance& one : met)
+    for (int first = 0; first < kMost; first += static_cast<int>(hn::Lanes(d))) {
+      const V lane = hn::Iota(d, static_cast<float>(first));
+      for (int k = one.first; k <= one.last; ++k) {
+        float* const sum = of_instances.data() + k / lines.inner * kMost + first;
+        hn::StoreU(hn::LoadU(d, sum) + Density(*one.part, one.lines, k, lane) * one.extinction, d, sum);
+      }
+    }
   for (const LaneMedia::Part& part : parts) {
     const Ray ray = part.medium->to_local(Ray{lines.start + 0.5 * step * lines.along, lines.along});
     local.push_back({ray.o, part.medium->to_local(Ray{lines.start, lines.across}).d, step * ray.d});
@@ -78,8 +138,9 @@ void SumDepths(const std::vector<LaneMedia::Part>& parts, const LaneMedia::Lines
     hn::StoreU(depth, d, depths + (lines.nodes - 1) * kMost + first);
     for (int node = lines.nodes - 2; node >= 0; --node) {
       V sum = hn::Zero(d);
+      if (instances) sum = hn::LoadU(d, of_instances.data() + node * kMost + first);
       for (size_t m = 0; m < parts.size(); ++m)
-        for (int i = 0; i < lines.inner; ++i)
+        for (int i = 0; i < lines.inner && !parts[m].medium->instances(); ++i)
           sum = sum +
                 Density(parts[m], local[m], node * lines.inner + i, lane) * static_cast<float>(parts[m].sigma_t * step);
       depth = depth + hn::Max(sum, hn::Zero(d));

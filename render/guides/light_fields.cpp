@@ -144,8 +144,15 @@ LightFields::LightFields(const std::vector<GuideMedia>& times, const Lights& lig
   const GuideMedia& media = times[times.size() / 2];
   const double wanted = kFreePathsPerNode * free_path(media, colour, task) / media.voxel();
   const double voxels = std::clamp(wanted, kVoxelsPerNode, kMostVoxelsPerNode) / detail;
-  const double most = std::min(most_nodes(pixels) * detail * detail * detail, kMostNodesInDetail);
-  fine_ = Lattice::over(media.lo(), media.hi(), voxels * media.voxel(), static_cast<size_t>(most));
+  double most = std::min(most_nodes(pixels) * detail * detail * detail, kMostNodesInDetail);
+  const auto lattice = [&] {
+    return Lattice::over(media.lo(), media.hi(), voxels * media.voxel(), static_cast<size_t>(most));
+  };
+  fine_ = lattice();
+  if (media.instances()) {  // often in a thin layer, whose rows are mostly padding
+    most *= static_cast<double>(fine_.n.z) / fine_.row();
+    fine_ = lattice();
+  }
   coarse_ = Lattice::over(media.lo(), media.hi(), 2 * fine_.spacing, static_cast<size_t>(most));
   ScatteringSolver solver(fine_, media, colour, task), coarse(coarse_, solver, task);
   near_ = solver.near_media();

@@ -31,7 +31,8 @@ void set_place(MarchedRay::Place& place, const dvec3& start, const dvec3& along)
 }
 
 bool looked_up_in_vectors(const Medium& m) {
-  return !m.homogeneous() && !m.displacement() && !m.coloured() && !m.bricks().empty() && LaneGrid::fits(m.bricks());
+  return !m.homogeneous() && !m.displacement() && !m.coloured() && !m.instances() && !m.bricks().empty() &&
+         LaneGrid::fits(m.bricks());
 }
 
 /// @param step  the unit of length [world units]

@@ -40,21 +40,46 @@ float lerp(float a, float b, float t) {
 }  // namespace
 
 MediaLine::MediaLine(const GuideMedia& media, GuideColour colour) : media_(media), colour_(colour) {
-  for (const Medium& m : media.media()) {
-    Local& local = locals_.emplace_back(Local{&m});
-    if (m.homogeneous() || m.displacement()) continue;
-    local.bricks = &m.bricks();
-    local.cell_bits = std::countr_zero(static_cast<unsigned>(local.bricks->cell_size()));
-  }
-  one_ = locals_.size() == 1 && !locals_[0].medium->coloured();
+  for (size_t i = 0; i < media.media().size(); ++i)
+    if (!media.media()[i].instances()) locals_.push_back(local_of(media.media()[i], i));
+  still_ = locals_.size();
+  one_ = media.media().size() == 1 && still_ == 1 && !locals_[0].medium->coloured();
+}
+
+MediaLine::Local MediaLine::local_of(const Medium& medium, size_t number) {
+  Local local{&medium, number};
+  if (medium.homogeneous() || medium.displacement()) return local;
+  local.bricks = &medium.bricks();
+  local.cell_bits = std::countr_zero(static_cast<unsigned>(local.bricks->cell_size()));
+  return local;
+}
+
+/// The instances of a medium that the line meets.
+void MediaLine::add_instances(const Medium& medium, size_t number) {
+  const Instances& all = *medium.instances();
+  const double per_density = media_.constants_[number].per_density[static_cast<size_t>(colour_ + 1)];
+  all.each_met(ray_, kUnbounded, [&](size_t i) {
+    Local& local = locals_.emplace_back(local_of(medium, number));
+    local.instance = &all[i];
+    local.extinction = per_density * all[i].density;
+    const dvec3 albedo = medium.albedo() * all[i].tint;
+    local.albedo = in_colour(albedo, colour_);
+    local.tint = local.albedo > 0 ? albedo / in_colour(albedo, kGrey) : dvec3(1);
+    local.ray = all[i].to_local(ray_);
+    find_extent(local);
+  });
 }
 
 void MediaLine::follow(const Ray& ray) {
   ray_ = ray;
+  locals_.resize(still_, Local{nullptr, 0});
   for (Local& local : locals_) {
     local.ray = local.medium->to_local(ray);
     find_extent(local);
   }
+  if (!media_.instances()) return;
+  for (size_t i = 0; i < media_.media().size(); ++i)
+    if (media_.media()[i].instances()) add_instances(media_.media()[i], i);
 }
 
 // Where the line crosses the box around the medium, with a margin: where the medium ends exactly is found by look-ups.
@@ -105,18 +130,26 @@ GuideMedia::Point MediaLine::look_up(double t, dvec3* gradient) {
   }
   double scattered = 0, forward = 0;
   dvec3 tint(0);
-  for (size_t i = 0; i < locals_.size(); ++i) {
-    const Medium& m = *locals_[i].medium;
-    const double found = density(locals_[i], t, wanted);
+  for (Local& local : locals_) {
+    const Medium& m = *local.medium;
+    const double found = density(local, t, wanted);
     if (!(found > 0)) continue;
-    const GuideMedia::Constants& c = media_.constants_[i];
-    const double sigma = found * c.per_density[colour];
-    if (gradient) *gradient += c.per_density[colour] * m.gradient_to_world(slope);
-    const double sigma_s = sigma * (m.coloured() ? in_colour(m.albedo(ray_.at(t)), colour_) : c.albedo[colour]);
+    const GuideMedia::Constants& c = media_.constants_[local.number];
+    const Instance* const one = local.instance;
+    const double per_density = one ? local.extinction : c.per_density[colour];
+    const double sigma = found * per_density;
+    if (gradient)
+      *gradient += per_density * (one ? glm::transpose(one->to_local.matrix) * slope : m.gradient_to_world(slope));
+    double albedo = one ? local.albedo : c.albedo[colour];
+    if (m.coloured()) {
+      const dvec3 p = ray_.at(t);
+      albedo = in_colour(one ? m.albedo(static_cast<size_t>(one - m.instances()->data()), p) : m.albedo(p), colour_);
+    }
+    const double sigma_s = sigma * albedo;
     point.sigma_t += sigma;
     scattered += sigma_s;
-    forward += sigma_s * media_.mean_cosine_[i];
-    tint += sigma_s * c.tint;
+    forward += sigma_s * media_.mean_cosine_[local.number];
+    tint += sigma_s * (one ? local.tint : c.tint);
     point.density = std::max(point.density, found * c.inverse_maximum);
   }
   if (point.sigma_t > 0) point.albedo = scattered / point.sigma_t;

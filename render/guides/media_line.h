@@ -21,13 +21,19 @@ class MediaLine {
   /// A medium, and where the line was looked up last.
   struct Local {
     const Medium* medium;
+    size_t number;                      ///< of it
     const BrickGrid* bricks = nullptr;  ///< null where densities are not simply its interpolated values
     int cell_bits = 0;
     Ray ray{};
     double begin = 0, end = 0;  ///< of the line, outside of which the medium is not
     ivec3 coordinates{-1};
     const BrickGrid::Cell* cell = nullptr;
+    const Instance* instance = nullptr;  ///< of the medium
+    double extinction = 0, albedo = 0;   ///< of an instance: per density; grey or of the colour
+    dvec3 tint{1};
   };
+  static Local local_of(const Medium& medium, size_t number);
+  void add_instances(const Medium& medium, size_t number);
   static void find_extent(Local& local);
   GuideMedia::Point look_up(double t, dvec3* gradient);
   /// Density of a medium, and its gradient; local space. The gradient is left alone where there is no density.
@@ -36,8 +42,9 @@ class MediaLine {
   const GuideMedia& media_;
   const GuideColour colour_;
   Ray ray_{};
-  std::vector<Local> locals_;
-  bool one_ = false;  ///< one medium, the same everywhere but for its density
+  std::vector<Local> locals_;  // of the media without instances, then of the instances that the line meets
+  size_t still_ = 0;           // the former
+  bool one_ = false;           ///< one medium, the same everywhere but for its density
 };
 
 }  // namespace brume

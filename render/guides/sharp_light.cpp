@@ -10,7 +10,8 @@
 namespace brume {
 namespace {
 
-constexpr size_t kMostSunNodes = 16000000;
+// Of the depth towards a sun; fewer where many instances lie far apart, each of which is but a few nodes wide.
+constexpr size_t kMostSunNodes = 16000000, kMostSunNodesOfInstances = 5000000;
 
 template <class... Answers>
 struct Answer : Answers... {
@@ -203,7 +204,8 @@ ArrivingLight SunLight::at(const dvec3& p) const {
 
 Radiance SunLight::arriving(const LightSolve& solve) {
   for (const GuideMedia& m : solve.times)
-    depth_.emplace_back(m, solve.colour, towards(), m.voxel(), kMostSunNodes, solve.task);
+    depth_.emplace_back(m, solve.colour, towards(), m.voxel(), m.instances() ? kMostSunNodesOfInstances : kMostSunNodes,
+                        solve.task);
   const ScatteringSolver& solver = solve.solver;
   lattice_ = solver.lattice();
   if (solve.surfaces) visible_ = NodeValues(lattice_.size());

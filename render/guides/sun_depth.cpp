@@ -9,6 +9,10 @@
 
 namespace brume {
 
+namespace {
+constexpr int kMostBetweenNodes = 4;  // samples, where nodes lie many voxels apart
+}
+
 SunDepth::SunDepth(const GuideMedia& media, GuideColour colour, const dvec3& towards, double spacing, size_t most_nodes,
                    const Task& task) {
   for (int a = 1; a < 3; ++a)
@@ -41,7 +45,8 @@ SunDepth::SunDepth(const GuideMedia& media, GuideColour colour, const dvec3& tow
 
   const bool upwards = towards[axis_] > 0;
   const double length = spacing / std::abs(towards[axis_]);  // between nodes of a column [world units]
-  const int inner = std::max(1, static_cast<int>(std::lround(length / media.voxel())));
+  int inner = std::max(1, static_cast<int>(std::lround(length / media.voxel())));
+  if (media.instances()) inner = std::min(inner, kMostBetweenNodes);
   // The columns' nodes farthest from the light, and the next ones towards it.
   const int first = upwards ? 0 : n_.x - 1, step = upwards ? 1 : -1;
   const LaneMedia lanes(media, colour);

@@ -90,6 +90,25 @@ struct VolumeSettings {
   std::shared_ptr<const VolumeGrids> grids;
 };
 
+/// Places where a volume stands, in memory; equal lengths, or none of densities and tints.
+struct InstanceList {
+  std::vector<dmat4> matrices;  ///< to the scene's space
+  std::vector<double> densities;
+  std::vector<dvec3> tints;
+};
+
+struct InstanceSettings {
+  int volume = 0;  ///< number among those of the scene's text; once read, in Scene::volumes
+  std::vector<dmat4> matrices;
+  std::filesystem::path file;
+  dmat4 object_to_world{1};
+  double density = 1;
+  dvec3 tint{1};
+  bool enabled = true;
+  std::shared_ptr<const InstanceList> arrays;  ///< in place of matrices and file; not part of a scene's text
+  std::string arrays_content;                  ///< tells them from others
+};
+
 struct EnvironmentSettings {
   dvec3 radiance{0};
   std::filesystem::path file;
@@ -165,14 +184,19 @@ struct RenderSettings {
   double majorant_scale = 1;
 };
 
-/// What a scene's text does not hold: volumes and meshes of arrays, by their places in its lists, from 0, and the
+/// What a scene's text does not hold: volumes, instances and meshes of arrays, by their places in its lists, from 0, and the
 /// camera of a frame.
 struct SceneArrays {
   struct Mesh {
     std::shared_ptr<const TriangleMesh> mesh;
     std::string content;  ///< SurfaceSettings::mesh_content
   };
+  struct Instances {
+    std::shared_ptr<const InstanceList> list;
+    std::string content;  ///< InstanceSettings::arrays_content
+  };
   std::map<size_t, std::shared_ptr<const VolumeGrids>> volumes;
+  std::map<size_t, Instances> instances;
   std::map<size_t, Mesh> meshes;
   std::shared_ptr<const CameraMatrices> camera;  ///< instead of the text's
 };
@@ -184,6 +208,7 @@ struct Scene {
   RenderSettings render;
   EnvironmentSettings environment;
   std::vector<VolumeSettings> volumes;
+  std::vector<InstanceSettings> instances;
   std::vector<LightSettings> lights;
   std::vector<SurfaceSettings> surfaces;
   std::filesystem::path path;  ///< of the scene file

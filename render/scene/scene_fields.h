@@ -246,6 +246,21 @@ void describe(Visitor& v, ArrayPlacement& p) {
 }
 
 template <class Visitor>
+void describe(Visitor& v, InstanceSettings& s) {
+  v({"volume", "", "which of [[volumes]], counted from 0 as they stand in the file", 0, 1e6}, s.volume);
+  v({"matrices", "",
+     "where it stands: [matrix, ...], each 4 x 4, rows first, applied after the volume's own object_to_world; points are columns"},
+    s.matrices);
+  v({"file", "",
+     "the same from a file, a place for each row of a CSV or each point of a PLY: x, y, z, and as far as they are there orientation, scale, density and tint; or m00 .. m23, rows of a matrix"},
+    s.file);
+  v({"object_to_world", "", "4 x 4, rows first: moves all of them"}, s.object_to_world);
+  v({"density", "1", "factor on the volume's density", 0}, s.density);
+  v({"tint", "1", "factor on its albedo, grey or RGB", 0}, s.tint);
+  v({"enabled", "", "false leaves it out of the scene"}, s.enabled);
+}
+
+template <class Visitor>
 void describe(Visitor& v, LightSettings& l) {
   v({.key = "type",
      .help = "sun: parallel light from a disc; sphere, rectangle: surfaces that emit and that rays end on; point, spot",

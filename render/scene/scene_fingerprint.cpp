@@ -35,6 +35,12 @@ class SettingTexts {
       rows.push_back(fmt::format("[{}, {}, {}, {}]", m[0][row], m[1][row], m[2][row], m[3][row]));
     return "[" + join(rows) + "]";
   }
+  static std::string text(const std::vector<dmat4>& matrices) {
+    uint64_t hash = 0;
+    for (const dmat4& m : matrices)
+      for (const char c : text(m)) hash = mix64(hash ^ static_cast<unsigned char>(c));
+    return matrices.empty() ? "none" : fmt::format("{} matrices, content {:016x}", matrices.size(), hash);
+  }
   static std::string text(const fs::path&) { return ""; }  // by content, not by name
   template <class Entry>
   static std::string text(const std::vector<Entry>& entries) {
@@ -124,6 +130,10 @@ Fingerprint fingerprint(Scene scene, FileHashes* known) {
     print.table(t, v.placement);
     print.content(t + ".arrays", v.grids->content);
   });
+  each("instances", scene.instances, [&](const std::string& t, const InstanceSettings& s) {
+    print.file(t + ".file", s.file);
+    if (!s.arrays_content.empty()) print.content(t + ".arrays", s.arrays_content);
+  });
   each("lights", scene.lights, [](const auto&...) {});
   each("surfaces", scene.surfaces, [&](const std::string& t, const SurfaceSettings& s) {
     print.file(t + ".file", s.file);
@@ -189,6 +199,12 @@ std::string world_of(const Scene& scene) {
     if (!v.grids || !v.grids->of_arrays()) continue;
     add(v.placement);
     text += v.grids->content + "\n";
+  }
+  text += "instances\n";
+  for (const InstanceSettings& s : scene.instances) {
+    add(s);
+    add_file(s.file);
+    text += s.arrays_content + "\n";
   }
   text += "lights\n";
   for (const LightSettings& light : scene.lights) add(light);

@@ -13,6 +13,7 @@
 #include "render/scene/scene_fields.h"
 #include "render/scene/scene_fingerprint.h"
 #include "render/scene/toml_table.h"
+#include "volume/placement.h"
 #include "volume/volume_grids.h"
 
 namespace brume {
@@ -149,6 +150,31 @@ void check_volume(Parser& parser, VolumeSettings& v, const toml::value& table) {
   v.density = 1;
 }
 
+/// @param volumes  of the scene's text, by number: their places in Scene::volumes, or kLeftOut
+constexpr size_t kLeftOut = static_cast<size_t>(-1);
+void check_instances(const Parser& parser, InstanceSettings& s, const toml::value& table,
+                     const std::vector<size_t>& volumes) {
+  if (parser.has("file") && parser.has("matrices"))
+    fail_at("'file' stands beside 'matrices'", table.at("file"), "remove one of the two");
+  for (const char* key : {"file", "matrices"})
+    if (s.arrays && parser.has(key))
+      fail_at(fmt::format("'{}' stands beside arrays", key), table.at(key), "remove one of the two");
+  if (!parser.has("file") && !parser.has("matrices") && !s.arrays)
+    fail_at("[[instances]] has neither 'matrices' nor 'file'", table, "add one of them: where the volume stands");
+  if (static_cast<size_t>(s.volume) >= volumes.size())
+    fail_at(fmt::format("'volume' is {}", s.volume), parser.has("volume") ? table.at("volume") : table,
+            volumes.empty()
+                ? "the scene has no [[volumes]]"
+                : fmt::format("expected 0 .. {}: the scene has {} [[volumes]]", volumes.size() - 1, volumes.size()));
+  for (size_t i = 0; i < s.matrices.size(); ++i)
+    if (const std::string wrong = what_forbids_transform(s.matrices[i]); !wrong.empty())
+      fail_at(fmt::format("matrix {} of 'matrices' is {}", i, wrong), table.at("matrices").as_array()[i],
+              "expected an invertible affine map, its last row 0, 0, 0, 1");
+  if (const std::string wrong = what_forbids_transform(s.object_to_world); !wrong.empty())
+    fail_at(fmt::format("'object_to_world' is {}", wrong), table.at("object_to_world"),
+            "expected an invertible affine map, its last row 0, 0, 0, 1");
+}
+
 void check_environment(const Parser& parser, const EnvironmentSettings& e, const toml::value& table) {
   check_group(parser, e.group, true, table);
   if (!(glm::length(e.up) > 0)) fail_at("'up' is zero", table.at("up"), "expected a direction");
@@ -232,6 +258,7 @@ Scene scene_from(std::istream& stream, const fs::path& path, std::span<const std
     parser.check_files();
   };
   const auto no_check = [](const auto&...) {};
+  std::vector<size_t> volumes;  // of the text: their places among those that are enabled
   const auto array = [&](const char* name, auto& target, const auto& check, const auto& begin) {
     sections.push_back(name);
     if (!root.contains(name)) return;
@@ -271,10 +298,33 @@ Scene scene_from(std::istream& stream, const fs::path& path, std::span<const std
     s.mesh_content = found->second.content;
     parser.provides("file");
   };
+  const auto instances = [&](Parser&, InstanceSettings& s, size_t i) {
+    const auto found = arrays.instances.find(i);
+    if (found == arrays.instances.end()) return;
+    s.arrays = found->second.list;
+    s.arrays_content = found->second.content;
+  };
   array("volumes", scene.volumes, check_volume, volume);
   array("lights", scene.lights, check_light, no_check);
   array("surfaces", scene.surfaces, check_surface, surface);
+  if (root.contains("volumes")) {
+    size_t kept = 0;
+    for (const toml::value& entry : root.at("volumes").as_array()) {
+      const bool enabled = !entry.contains("enabled") || entry.at("enabled").as_boolean();
+      volumes.push_back(enabled ? kept++ : kLeftOut);
+    }
+  }
+  array(
+      "instances", scene.instances,
+      [&](const Parser& parser, InstanceSettings& s, const toml::value& table) {
+        check_instances(parser, s, table, volumes);
+      },
+      instances);
+  std::erase_if(scene.instances,
+                [&](const InstanceSettings& s) { return volumes[static_cast<size_t>(s.volume)] == kLeftOut; });
+  for (InstanceSettings& s : scene.instances) s.volume = static_cast<int>(volumes[static_cast<size_t>(s.volume)]);
   check_places(root, "volumes", arrays.volumes);
+  check_places(root, "instances", arrays.instances);
   check_places(root, "surfaces", arrays.meshes);
   for (const auto& [key, value] : root.as_table())
     if (std::find(sections.begin(), sections.end(), key) == sections.end())

@@ -86,6 +86,7 @@ std::vector<SceneTable> outline(const toml::value& root, const fs::path& path, c
     ArrayPlacement placement;
     if (arrays.volumes.contains(i)) describe(parser, placement);
   });
+  list("instances", InstanceSettings(), [](const auto&...) {});
   list("lights", LightSettings(), [](const auto&...) {});
   list("surfaces", SurfaceSettings(), [&](TomlTable& parser, size_t i) {
     if (arrays.meshes.contains(i)) parser.provides("file");

@@ -35,6 +35,10 @@ std::string scene_reference() {
       "[[volumes]]",
       "A fog volume and its coefficients: sigma_t(x) = sigma_t * density(x), sigma_s = albedo * sigma_t. Several may overlap. `file` is required where shape is grid.",
       VolumeSettings{});
+  reference.table(
+      "[[instances]]",
+      "Places where a volume stands. One that is named here stands at these places only, not at its own; its grids are held once, however many there are (docs/instances.md). One of `matrices` and `file` is required.",
+      InstanceSettings{});
   reference.table("[[lights]]", "Lights of finite size or parallel light.", LightSettings{});
   reference.table("[[surfaces]]", "Solid things.", SurfaceSettings{});
   return reference.text;

@@ -210,6 +210,12 @@ class TomlTable {
     }
     if (target.size() == 1) fail_at(fmt::format("'{}' has one row", field.key), v, expected);
   }
+  static void read(const Field& field, const toml::value& v, std::vector<dmat4>& target) {
+    target.clear();
+    for (const toml::value& entry : list(field, v, "expected [matrix, ...], each four rows of four numbers"))
+      read(field, entry, target.emplace_back());
+    if (target.empty()) fail_at(fmt::format("'{}' is empty", field.key), v, "expected at least one matrix");
+  }
   static void read(const Field& field, const toml::value& v, dmat4& target) {
     const std::string expected = "expected four rows of four numbers";
     if (!v.is_array() || v.as_array().size() != 4)

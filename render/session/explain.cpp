@@ -27,8 +27,11 @@ std::string phase_text(const PhaseFunction& p) {
 }
 
 std::string depth_text(const Medium& m) {
-  const std::array<double, 3> tau = depths_along_axes(m);
-  return fmt::format("optical depth {:.3g}, {:.3g}, {:.3g} through the middle along its axes", tau[0], tau[1], tau[2]);
+  const std::array<double, 3> tau = depths_along_axes(m.thickest());
+  std::string text =
+      fmt::format("optical depth {:.3g}, {:.3g}, {:.3g} through the middle along its axes", tau[0], tau[1], tau[2]);
+  if (m.instances()) text += fmt::format(" of the thickest of {} instances", m.instances()->size());
+  return text;
 }
 
 std::string medium_text(const Medium& m) {

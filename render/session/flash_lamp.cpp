@@ -25,11 +25,13 @@ double typical_gradient(const PathContext& context, const std::vector<PathReques
   const auto iso = static_cast<float>(context.isosurface_density * medium.maximum_density());
   std::vector<double> steepness;
   for (const PathRequest& request : requests) {
-    const Ray local = medium.to_local(request.ray);
-    const std::optional<double> t = find_isosurface(medium, local, iso);
-    if (!t) continue;
-    if (const auto g = density_gradient(medium, local.at(*t + 0.5 / glm::length(local.d))))
-      steepness.push_back(glm::length(*g));
+    medium.each_met(request.ray, kUnbounded, [&](const Medium& one, size_t) {
+      const Ray local = one.to_local(request.ray);
+      const std::optional<double> t = find_isosurface(one, local, iso);
+      if (!t) return;
+      if (const auto g = density_gradient(one, local.at(*t + 0.5 / glm::length(local.d))))
+        steepness.push_back(glm::length(*g));
+    });
   }
   if (steepness.empty()) return 0;
   const auto middle = steepness.begin() + static_cast<std::ptrdiff_t>(steepness.size() / 2);

@@ -18,10 +18,12 @@ void CameraRays::record(const SlotList& fresh) {
   const auto each_medium = [&](auto&& in_lanes, auto&& one_by_one) {
     for (const size_t i : fresh) w_.end[i] = kUnbounded;
     for (size_t m = 0; m < c_.media.size(); ++m) {
-      if (flights_.in_lanes(m))
+      if (flights_.in_lanes(m) && !c_.media[m].instances()) {
         in_lanes(m);
-      else
-        for (const size_t i : fresh) one_by_one(i, c_.media[m]);
+        continue;
+      }
+      for (const size_t i : fresh)
+        c_.media[m].each_met(w_.ray[i], kUnbounded, [&](const Medium& one, size_t) { one_by_one(i, one); });
     }
   };
   // The nearest isosurface of all media counts.

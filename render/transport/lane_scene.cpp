@@ -41,7 +41,7 @@ void set_medium(LaneScene& s, const Medium& medium, double first_majorant) {
     for (int row = 0; row < 3; ++row) s.gradient_to_world[row][column] = static_cast<float>(g[row] * s.unit);
   }
   s.least_gradient = static_cast<float>(kLeastGradient * medium.maximum_density());
-  s.coloured = medium.coloured();
+  s.coloured = medium.coloured() || (medium.instances() && medium.instances()->tinted());
   if (medium.phase().is_henyey_greenstein())
     s.g = static_cast<float>(medium.phase().first.g);
   else

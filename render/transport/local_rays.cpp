@@ -71,18 +71,22 @@ struct Slab {
   }
 };
 
-template <bool kBySlot>
+enum class Place { kOne, kBySlot, kInstance };
+
+template <Place kPlace>
 void enter(const LocalBox& box, const std::array<Ray, kPool>& rays, const std::array<double, kPool>& ends,
            const SlotList& slots, LocalRays& to, std::array<double, kPool>& begin, SlotList& inside) {
   const D d;
   const DI di;
   static_assert(sizeof(Ray) % sizeof(double) == 0 && sizeof(Placement::ToLocal) % sizeof(double) == 0);
+  static_assert(sizeof(Instance) == 16 * sizeof(double));
   V3 matrix[3], offset;
   const auto set_frame = [&](const auto& frame) {
     for (size_t c = 0; c < 3; ++c) matrix[c] = frame(3 * c);
     offset = frame(9);
   };
-  if (!kBySlot) {
+  V unit = set(box.unit);
+  if (kPlace == Place::kOne) {
     double f[12];
     std::memcpy(f, box.to_local, sizeof f);
     set_frame([&](size_t i) { return V3{set(f[i]), set(f[i + 1]), set(f[i + 2])}; });
@@ -97,9 +101,16 @@ void enter(const LocalBox& box, const std::array<Ray, kPool>& rays, const std::a
       return Members(base, slot * hn::Set(di, static_cast<int64_t>(size / sizeof(double))));
     };
     const Members ray = members(rays.data(), sizeof(Ray));
-    if constexpr (kBySlot) {
+    if constexpr (kPlace == Place::kBySlot) {
       const Members frame = members(box.to_local, sizeof(Placement::ToLocal));
       set_frame([&](size_t i) { return frame.vector(i); });
+    }
+    if constexpr (kPlace == Place::kInstance) {
+      HWY_ALIGN int64_t number[kMost];
+      for (size_t lane = 0; lane < hn::Lanes(d); ++lane) number[lane] = box.instance[at[lane]];
+      const Members one(box.instances, hn::Load(di, number) * hn::Set(di, sizeof(Instance) / sizeof(double)));
+      set_frame([&](size_t i) { return one.vector(i); });
+      unit = set(box.unit) / one[12];
     }
     const V3 direction = times(matrix, ray.vector(3));
     V3 o = times(matrix, ray.vector(0));
@@ -121,7 +132,6 @@ void enter(const LocalBox& box, const std::array<Ray, kPool>& rays, const std::a
     hn::StoreMaskBits(d, meets, bits);
     uint32_t left = bits[0] & ((1u << count) - 1);
     if (left == 0) continue;
-    const V unit = set(box.unit);
     const auto store = [&](V from, V along, double shift, size_t i) {
       hn::Store(from + t0 * along + set(shift), d, result[i]);
       hn::Store(along * unit, d, result[i + 3]);
@@ -144,7 +154,9 @@ void enter(const LocalBox& box, const std::array<Ray, kPool>& rays, const std::a
 
 void EnterBox(const LocalBox& box, const std::array<Ray, kPool>& rays, const std::array<double, kPool>& ends,
               const SlotList& slots, LocalRays& to, std::array<double, kPool>& begin, SlotList& inside) {
-  (box.by_slot ? enter<true> : enter<false>)(box, rays, ends, slots, to, begin, inside);
+  (box.instances ? enter<Place::kInstance>
+   : box.by_slot ? enter<Place::kBySlot>
+                 : enter<Place::kOne>)(box, rays, ends, slots, to, begin, inside);
 }
 
 }  // namespace brume::HWY_NAMESPACE

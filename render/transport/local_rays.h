@@ -2,7 +2,7 @@
 #include <array>
 
 #include "render/transport/path_states.h"
-#include "volume/placement.h"
+#include "volume/instances.h"
 
 namespace brume {
 
@@ -13,10 +13,14 @@ struct LocalBox {
   dvec3 lo{0}, hi{0};
   dvec3 shift{0};   ///< from the box's coordinates to those that the kernels walk in
   double unit = 1;  ///< of ray parameters in lanes
+  /// The places of many such boxes; null: to_local says where it is.
+  const Instance* instances = nullptr;
+  const int32_t* instance = nullptr;  ///< by slot: which of them a ray is taken to
 };
 
 /// Takes rays to a grid's coordinates in double precision and clips them to its box; what is left fits in single
-/// precision. Where a part ends only the ray's own end counts: walks through a grid end at its faces by themselves.
+/// precision. The denser an instance, the shorter is the unit of ray parameters in it, so that kernels know one
+/// extinction. Where a part ends only the ray's own end counts: walks through a grid end at its faces by themselves.
 /// @param rays, ends  by slot; the latter ray parameters
 /// @param slots       whose
 /// @param to, begin   by slot: the parts inside, and the world ray parameters at which they begin

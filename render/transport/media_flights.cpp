@@ -31,6 +31,7 @@ MediaFlights::~MediaFlights() = default;
 
 MediaFlights::MediaFlights(const PathContext& context, PathStates& paths, WorldPaths& world, TrackingCounters& counters)
     : c_(context), p_(paths), w_(world), counters_(counters) {
+  if (c_.plan.instances) visits_ = std::make_unique<InstanceVisits>();
   for (size_t m = 0; m < c_.media.size(); ++m) {
     const Medium& medium = c_.media[m];
     scenes_.push_back(lane_scene(context, m, world));
@@ -39,7 +40,9 @@ MediaFlights::MediaFlights(const PathContext& context, PathStates& paths, WorldP
     const auto [lo, hi] = medium.support();
     bounds_.push_back(medium.homogeneous().value_or(HomogeneousShape{HomogeneousShape::Shape::kBox, lo, hi}));
     boxes_.push_back({placed_[m] ? placed_[m]->data() : &medium.placement().to_local(), placed_[m] != nullptr,
-                      bounds_[m].lo, bounds_[m].hi, medium.walked_shift(), scenes_[m].unit});
+                      bounds_[m].lo, bounds_[m].hi, medium.walked_shift(), scenes_[m].unit,
+                      medium.instances() ? medium.instances()->data() : nullptr,
+                      visits_ ? visits_->instance.data() : nullptr});
   }
 }
 
@@ -47,6 +50,7 @@ MediaFlights::Start MediaFlights::start(size_t slot, const PathRequest& request)
   if (c_.plan.one_grid) return start_in_grid(slot, request);
   w_.ray[slot] = request.ray;
   w_.time[slot] = request.time;
+  w_.last_collision[slot] = {};
   p_.time[slot] = static_cast<float>(request.time);
   for (size_t m = 0; m < placed_.size(); ++m)
     if (placed_[m]) (*placed_[m])[slot] = c_.media[m].placement_at(request.time).to_local();
@@ -71,6 +75,10 @@ MediaFlights::Start MediaFlights::start_in_grid(size_t slot, const PathRequest& 
 
 bool MediaFlights::met_by(const Ray& ray, double time) const {
   for (size_t m = 0; m < bounds_.size(); ++m) {
+    if (const Instances* const all = c_.media[m].instances()) {
+      if (all->meets(ray, kUnbounded)) return true;
+      continue;
+    }
     const auto [enters, leaves] = bounds_[m].intersect(c_.media[m].placement_at(time).to_local(ray));
     if (std::max(enters, 0.0) < leaves) return true;
   }
@@ -80,6 +88,26 @@ bool MediaFlights::met_by(const Ray& ray, double time) const {
 void MediaFlights::enter(size_t m, const SlotList& rays, const std::array<double, kPool>& end, SlotList& inside) {
   inside.clear();
   enter_box(boxes_[m], w_.ray, end, rays, p_.flight, w_.begin, inside);
+}
+
+/// Takes rays through a grid as far as they cross it before their ends: walk() does so with those in inside_. Through
+/// instances they go one after the other, nearest first. @param left  whether a ray still has to
+template <class Left, class Walk>
+void MediaFlights::walk_grid(size_t m, const SlotList& rays, const std::array<Ray, kPool>& from,
+                             const std::array<double, kPool>& end, LocalRays& to, const Left& left, const Walk& walk) {
+  const Instances* const instances = c_.media[m].instances();
+  going_ = rays;
+  if (instances)
+    for (const size_t i : rays) {
+      const WorldPaths::Place& last = w_.last_collision[i];
+      visits_->begin(i, last.medium == static_cast<int32_t>(m) ? last.instance : -1);
+    }
+  do {
+    going_.keep_if([&](size_t i) { return left(i) && (!instances || visits_->next(*instances, i, from[i], end[i])); });
+    inside_.clear();
+    enter_box(boxes_[m], from, end, going_, to, w_.begin, inside_);
+    walk();
+  } while (instances && going_.count > 0);
 }
 
 void MediaFlights::fly_in_grid(const SlotList& rays, SlotList& hits, SlotList& escapes) {
@@ -117,28 +145,47 @@ std::pair<double, double> MediaFlights::part_in_shape(size_t m, size_t slot, con
   return part_inside(bounds_[m], to_local(m, slot, ray), end);
 }
 
+/// Calls visit(t0, t1, extinction per that of the medium, instance) for the parts of a path's ray that lie inside a
+/// homogeneous medium. @param end  may become less meanwhile
+template <class Visit>
+void MediaFlights::each_part_in_shape(size_t m, size_t slot, const Ray& ray, const double& end,
+                                      const Visit& visit) const {
+  const Instances* const instances = c_.media[m].instances();
+  if (!instances) {
+    if (const auto [t0, t1] = part_in_shape(m, slot, ray, end); t0 < t1) visit(t0, t1, 1.0, size_t{0});
+    return;
+  }
+  instances->each_met(ray, end, [&](size_t number) {
+    const Instance& one = (*instances)[number];
+    if (const auto [t0, t1] = part_inside(bounds_[m], one.to_local(ray), end); t0 < t1)
+      visit(t0, t1, one.density, number);
+  });
+}
+
 /// In closed form, by the extinction of the path's hero channel.
 void MediaFlights::fly_through_shape(size_t m, const SlotList& rays) {
   for (const size_t i : rays) {
-    const auto [t0, t1] = part_in_shape(m, i, w_.ray[i], w_.end[i]);
-    if (!(t0 < t1)) continue;
     const double sigma = c_.media[m].coefficients().sigma_t[c_.plan.chromatic ? p_.hero[i] : 0];
-    const double t = t0 + PathGenerator(p_, i).exponential() / sigma;
-    if (!(t < t1)) continue;
-    w_.end[i] = t;
-    w_.medium[i] = static_cast<int32_t>(m);
+    each_part_in_shape(m, i, w_.ray[i], w_.end[i], [&](double t0, double t1, double density, size_t instance) {
+      const double t = t0 + PathGenerator(p_, i).exponential() / (sigma * density);
+      if (t < t1) collide(i, t, m, instance);
+    });
   }
 }
 
 void MediaFlights::fly_in_lanes(size_t m, const SlotList& rays) {
-  enter(m, rays, w_.end, inside_);
-  hits_.clear();
-  passed_.clear();
-  lanes_fly(scenes_[m], p_, inside_, hits_, passed_, counters_.lookups);
-  for (const size_t i : hits_) {
-    w_.end[i] = std::min(w_.end[i], w_.begin[i] + static_cast<double>(p_.travel[i]) * scenes_[m].unit);
-    w_.medium[i] = static_cast<int32_t>(m);
-  }
+  const Instances* const instances = c_.media[m].instances();
+  const auto anyone = [](size_t) { return true; };
+  walk_grid(m, rays, w_.ray, w_.end, p_.flight, anyone, [&] {
+    hits_.clear();
+    passed_.clear();
+    lanes_fly(scenes_[m], p_, inside_, hits_, passed_, counters_.lookups);
+    for (const size_t i : hits_) {
+      const auto number = instances ? static_cast<size_t>(visits_->instance[i]) : 0;
+      const double unit = instances ? scenes_[m].unit / (*instances)[number].density : scenes_[m].unit;
+      collide(i, std::min(w_.end[i], w_.begin[i] + static_cast<double>(p_.travel[i]) * unit), m, number);
+    }
+  });
   Replay* const flown = replays_[m].get();
   if (!flown) return;
   for (const size_t i : inside_) {
@@ -149,11 +196,11 @@ void MediaFlights::fly_in_lanes(size_t m, const SlotList& rays) {
 
 void MediaFlights::fly_in_double(size_t m, const SlotList& rays) {
   for (const size_t i : rays) {
-    const Collision collision = fly_one(m, i, w_.end[i]);
-    if (collision.t >= 0) {
-      w_.end[i] = collision.t;
-      w_.medium[i] = static_cast<int32_t>(m);
-    }
+    Collision collision;
+    c_.media[m].at_time(w_.time[i]).each_met(w_.ray[i], w_.end[i], [&](const Medium& now, size_t instance) {
+      collision = fly_one(now, i, w_.end[i]);
+      if (collision.t >= 0) collide(i, collision.t, m, instance);
+    });
     if (Replay* const replay = replays_[m].get()) {
       replay->probability[i] = vec3(collision.probability);
       replay->end[i] = w_.end[i];
@@ -161,8 +208,7 @@ void MediaFlights::fly_in_double(size_t m, const SlotList& rays) {
   }
 }
 
-Collision MediaFlights::fly_one(size_t m, size_t i, double end) {
-  const Medium now = c_.media[m].at_time(w_.time[i]);
+Collision MediaFlights::fly_one(const Medium& now, size_t i, double end) {
   Rng rng = PathGenerator(p_, i).stream();
   return sample_collision(now, now.to_local(w_.ray[i]), end, c_.plan.chromatic ? p_.hero[i] : 0, rng, counters_);
 }
@@ -184,7 +230,7 @@ void MediaFlights::replay(size_t m, const SlotList& rays, const std::array<doubl
     lanes_fly(scenes_[m], p_, inside_, hits_, passed_, counters_.lookups);
     for (const size_t i : passed_) probability[i] = p_.flight_factor[i];
   } else {
-    for (const size_t i : rays) probability[i] = vec3(fly_one(m, i, end[i]).probability);
+    for (const size_t i : rays) probability[i] = vec3(fly_one(c_.media[m].at_time(w_.time[i]), i, end[i]).probability);
   }
   for (const size_t i : rays) PathGenerator(p_, i).set(flown.resumed[i]);
 }
@@ -268,18 +314,16 @@ void MediaFlights::dim(size_t medium, size_t i, const dvec3& passes) {
 
 void MediaFlights::shadow_through_shape(size_t m, const SlotList& rays) {
   for (const size_t i : rays) {
-    const auto [t0, t1] = part_in_shape(m, i, w_.shadow[i], w_.shadow_end[i]);
-    if (t0 < t1) dim(m, i, glm::exp(-c_.media[m].coefficients().sigma_t * (t1 - t0)));
+    each_part_in_shape(m, i, w_.shadow[i], w_.shadow_end[i], [&](double t0, double t1, double density, size_t) {
+      dim(m, i, glm::exp(-c_.media[m].coefficients().sigma_t * density * (t1 - t0)));
+    });
   }
 }
 
 void MediaFlights::shadow_in_lanes(size_t m, const SlotList& rays) {
-  inside_.clear();
-  again_.clear();
-  for (const size_t i : rays)
-    if (!dark(i)) again_.push(i);
-  enter_box(boxes_[m], w_.shadow, w_.shadow_end, again_, p_.shadow, w_.begin, inside_);
-  lanes_shadow(scenes_[m], p_, inside_, counters_.lookups);
+  const auto lit = [&](size_t i) { return !dark(i); };
+  walk_grid(m, rays, w_.shadow, w_.shadow_end, p_.shadow, lit,
+            [&] { lanes_shadow(scenes_[m], p_, inside_, counters_.lookups); });
 }
 
 void MediaFlights::shadow_in_double(size_t m, const SlotList& rays) {
@@ -294,7 +338,9 @@ void MediaFlights::shadow_in_double(size_t m, const SlotList& rays) {
 dvec3 MediaFlights::transmittance(std::span<const Medium> media, const Ray& ray, double end, Rng& rng) const {
   dvec3 product(1);
   for (const Medium& m : media)
-    if (product != dvec3(0)) product *= estimate_transmittance(m, m.to_local(ray), end, rng, counters_);
+    m.each_met(ray, end, [&](const Medium& one, size_t) {
+      if (product != dvec3(0)) product *= estimate_transmittance(one, one.to_local(ray), end, rng, counters_);
+    });
   return product;
 }
 

@@ -6,6 +6,7 @@
 #include <vector>
 
 #include "render/transport/camera_layers.h"
+#include "render/transport/instance_visits.h"
 #include "render/transport/lane_scene.h"
 #include "render/transport/local_rays.h"
 #include "render/transport/world_paths.h"
@@ -61,7 +62,8 @@ class MediaFlights {
   /// Estimates the media's transmittance along the shadow rays: PathStates::transmittance, where media are chromatic
   /// times shadow_colour.
   void shadow(const SlotList& rays);
-  /// Puts the rays that cross a grid before `end` on a list, and their parts inside it into the local columns.
+  /// Puts the rays that cross a grid before `end` on a list, and their parts inside it into the local columns. Not of a
+  /// medium with instances.
   void enter(size_t medium, const SlotList& rays, const std::array<double, kPool>& end, SlotList& inside);
   /// Unbiased transmittance of one ray. @param media  at the path's time
   dvec3 transmittance(std::span<const Medium> media, const Ray& ray, double end, Rng& rng) const;
@@ -75,12 +77,22 @@ class MediaFlights {
   std::pair<double, double> part_in_shape(size_t medium, size_t slot, const Ray& ray, double end) const;
   Start start_in_grid(size_t slot, const PathRequest& request);
   bool met_by(const Ray& ray, double time) const;
+  template <class Left, class Walk>
+  void walk_grid(size_t medium, const SlotList& rays, const std::array<Ray, kPool>& from,
+                 const std::array<double, kPool>& end, LocalRays& to, const Left& left, const Walk& walk);
+  template <class Visit>
+  void each_part_in_shape(size_t medium, size_t slot, const Ray& ray, const double& end, const Visit& visit) const;
+  void collide(size_t slot, double t, size_t medium, size_t instance) {
+    w_.end[slot] = t;
+    w_.medium[slot] = static_cast<int32_t>(medium);
+    w_.instance[slot] = static_cast<int32_t>(instance);
+  }
   void passing(const SlotList& rays, const std::array<double, kPool>& end, std::array<vec3, kPool>& factor);
   void weigh_channels(const SlotList& rays);
   void fly_through_shape(size_t medium, const SlotList& rays);
   void fly_in_lanes(size_t medium, const SlotList& rays);
   void fly_in_double(size_t medium, const SlotList& rays);
-  Collision fly_one(size_t medium, size_t slot, double end);
+  Collision fly_one(const Medium& medium, size_t slot, double end);
   void replay(size_t medium, const SlotList& rays, const std::array<double, kPool>& end,
               std::array<vec3, kPool>& probability);
   void shadow_through_shape(size_t medium, const SlotList& rays);
@@ -98,9 +110,10 @@ class MediaFlights {
   std::vector<HomogeneousShape> bounds_;             // likewise, local
   std::vector<LocalBox> boxes_;                      // likewise, of grids
   std::vector<std::unique_ptr<Placements>> placed_;  // likewise, by slot; only of those whose transforms move
+  std::unique_ptr<InstanceVisits> visits_;           // where some have instances
   std::vector<std::unique_ptr<Replay>> replays_;     // likewise; only of chromatic grids
   std::array<vec3, kPool> replayed_;
-  SlotList inside_, hits_, passed_, again_;
+  SlotList inside_, hits_, passed_, again_, going_;
 };
 
 /// What a choice whose densities the channels have multiplied by `factor` multiplies a path's throughput and densities

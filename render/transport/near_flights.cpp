@@ -45,12 +45,13 @@ void NearFlights::add(const NearLight& near, size_t i) {
   if (!(sample.pdf > 0)) return;
   dvec3 scattered(0);
   const std::span<const Medium> media = media_at(c_, w_.time[i]);
-  for (const Medium& m : media) {
-    const double density = m.density(m.to_local(p));
-    counters_.look_up();
-    if (density > 0)
-      scattered += m.coefficients().sigma_t * (density * m.phase().value(glm::dot(ray.d, sample.wi))) * m.albedo(p);
-  }
+  for (const Medium& any : media)
+    any.each_around(p, [&](const Medium& m, size_t) {
+      const double density = m.density(m.to_local(p));
+      counters_.look_up();
+      if (density > 0)
+        scattered += m.coefficients().sigma_t * (density * m.phase().value(glm::dot(ray.d, sample.wi))) * m.albedo(p);
+    });
   dvec3 L = scattered * sample.radiance * ((1 - near.far_part(p)) / (pdf * segment.worth() * sample.pdf));
   const Ray shadow{p, sample.wi};
   if (L == dvec3(0) || c_.lights->blocked(shadow, sample.distance, near.light)) return;

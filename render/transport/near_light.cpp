@@ -10,8 +10,11 @@ std::vector<NearLight> choose_near_lights(std::span<const Medium> media, const L
     const dvec3* position = light->centre();
     if (!position) continue;
     double sigma = 0;
-    for (const Medium& m : media)
-      if (m.homogeneous()) sigma += m.density(m.to_local(*position)) * m.extinction_per_density();
+    for (const Medium& any : media)
+      if (any.homogeneous())
+        any.each_around(*position, [&](const Medium& m, size_t) {
+          sigma += m.density(m.to_local(*position)) * m.extinction_per_density();
+        });
     if (sigma > 0) near.push_back({light, *position, 0.2 / sigma});
   }
   return near;

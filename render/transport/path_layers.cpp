@@ -39,7 +39,10 @@ dvec3 record_first_scatter(const PathContext& context, std::span<const Medium> m
   }
   if (!at_eye) {
     double tau = 0;
-    for (const Medium& m : media) tau += optical_depth(m, m.to_local(Ray{p, towards}), distance);
+    const Ray ray{p, towards};
+    for (const Medium& m : media)
+      m.each_met(ray, distance,
+                 [&](const Medium& one, size_t) { tau += optical_depth(one, one.to_local(ray), distance); });
     light *= std::exp(-tau);
   }
   return weight * albedo * light;

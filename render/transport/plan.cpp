@@ -17,8 +17,9 @@ Precision precision_for(const Medium& m) {
       if (!part.empty() && !LaneGrid::fits(part)) return Precision::kDouble;
     if (!LaneGrid::fits(d->envelope)) return Precision::kDouble;
   }
-  const double longest_voxel = m.voxel_volume() / (m.voxel_size() * m.voxel_size());  // at least its longest edge
-  const double free_path = 1 / (m.extinction_per_density() * m.maximum_density() * longest_voxel);
+  const Medium most = m.thickest();
+  const double longest_voxel = most.voxel_volume() / (most.voxel_size() * most.voxel_size());  // at least its longest edge
+  const double free_path = 1 / (most.extinction_per_density() * most.maximum_density() * longest_voxel);
   return LaneGrid::fits(m.bricks()) && LaneGrid::resolves(m.bricks(), free_path) ? Precision::kLanes
                                                                                  : Precision::kDouble;
 }
@@ -41,7 +42,7 @@ bool far_from_fields(const Medium& medium, const SceneMedia& media, const Lights
 /// Whether all there is lies in one still grid, but for still fields that emit.
 bool is_one_grid(const Plan& plan, const SceneMedia& media, const Lights& lights) {
   const auto& fields = media.emissions();
-  return plan.media.size() == 1 && plan.media[0] == Precision::kLanes && !plan.chromatic && !plan.surfaces &&
+  return plan.media.size() == 1 && plan.media[0] == Precision::kLanes && !plan.instances && !plan.chromatic && !plan.surfaces &&
          !plan.moving_media && !plan.layers.records && lights.all_solid() &&
          std::all_of(fields.begin(), fields.end(), LaneEmission::fits);
 }
@@ -56,6 +57,7 @@ Plan make_plan(const Scene& scene, const SceneMedia& media, const Lights& lights
     plan.media.push_back(precision_for(m));
     plan.far_from_fire.push_back(far_from_fields(m, media, lights));
   }
+  plan.instances = std::any_of(all.begin(), all.end(), [](const Medium& m) { return m.instances() != nullptr; });
   plan.chromatic = std::any_of(all.begin(), all.end(), [](const Medium& m) { return m.chromatic(); });
   plan.moving_media = std::any_of(all.begin(), all.end(), [](const Medium& m) { return m.moves(); });
   plan.surfaces = surfaces != nullptr;
@@ -86,7 +88,7 @@ Plan make_plan(const Scene& scene, const SceneMedia& media, const Lights& lights
   plan.near_lights = choose_near_lights(all, lights, scene.render.near_lights);
   plan.interpolate = scene.render.lookup == "interpolated";
   plan.one_grid = is_one_grid(plan, media, lights);
-  plan.seen_emission = plan.emission && plan.has_media() && !plan.moving_media &&
+  plan.seen_emission = plan.emission && plan.has_media() && !plan.moving_media && !plan.instances &&
                        std::find(plan.media.begin(), plan.media.end(), Precision::kDouble) == plan.media.end() &&
                        std::all_of(fields.begin(), fields.end(), LaneEmission::fits);
   if (plan.one_grid && (!plan.emission || plan.seen_emission)) {  // else emission is integrated along free flights

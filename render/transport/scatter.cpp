@@ -159,7 +159,12 @@ class Collisions {
   HWY_INLINE V3 albedo() const {
     if (!scene_.coloured) return set3(scene_.albedo);
     Lanes3 rgb;
-    for (size_t lane = 0; lane < valid_; ++lane) rgb.set(lane, vec3(scene_.medium->albedo(position(lane))));
+    const auto at = [&](size_t lane) {
+      if (!scene_.medium->instances()) return scene_.medium->albedo(position(lane));
+      const int32_t number = scene_.world->instance[static_cast<size_t>(slots_[lane])];
+      return scene_.medium->albedo(static_cast<size_t>(number), position(lane));
+    };
+    for (size_t lane = 0; lane < valid_; ++lane) rgb.set(lane, vec3(at(lane)));
     return rgb.load();
   }
 

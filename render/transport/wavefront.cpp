@@ -253,9 +253,12 @@ class Wavefront {
       const std::span<const Medium> media = media_at(c_, request.time);
       const Medium& medium = media[c_.plan.one_grid ? 0 : static_cast<size_t>(w_.medium[i])];
       const dvec3 at = position(i);
-      PathSample& sample = pool_.samples[i];
-      sample.flash = record_first_scatter(c_, media, medium, request.ray.o, at, request.ray.d, dvec3(p_.throughput[i]),
-                                          medium.albedo(at), sample);
+      const auto record = [&](const Medium& own) {
+        PathSample& sample = pool_.samples[i];
+        sample.flash = record_first_scatter(c_, media, own, request.ray.o, at, request.ray.d, dvec3(p_.throughput[i]),
+                                            own.albedo(at), sample);
+      };
+      medium.instances() ? record(medium.instance(static_cast<size_t>(w_.instance[i]))) : record(medium);
     }
   }
 
@@ -284,6 +287,7 @@ class Wavefront {
     for (const size_t i : pool_.hits) {
       if (w_.medium[i] != static_cast<int32_t>(medium)) continue;
       w_.ray[i].o = position(i);
+      w_.last_collision[i] = {w_.medium[i], w_.instance[i]};
       w_.past[i] = {.sampled_light = true,
                     .samples_fields = c_.plan.samples_fields(medium),
                     .first_on_surface = w_.past[i].first_on_surface};

@@ -24,9 +24,15 @@ struct WorldPaths {
   std::array<Ray, kPool> ray;                   ///< from the last vertex, or the eye, on
   std::array<double, kPool> end;                ///< ray parameter of what ends the flight; infinity where nothing does
   std::array<int32_t, kPool> medium;            ///< that a collision at `end` is with, or kNoMedium
+  std::array<int32_t, kPool> instance;          ///< likewise, where that medium has instances: which
   std::array<const FiniteLight*, kPool> light;  ///< at `end`; null for none
   std::array<SurfaceHit, kPool> hit;            ///< at `end`, where on_surface
   std::array<bool, kPool> on_surface;
+  /// A medium, and which of its instances.
+  struct Place {
+    int32_t medium = kNoMedium, instance = 0;
+  };
+  std::array<Place, kPool> last_collision;  ///< of the path
   std::array<double, kPool> time;   ///< in [0, 1] of the shutter
   std::array<double, kPool> begin;  ///< ray parameter at which the local ray begins
 

@@ -7,6 +7,7 @@
 
 #include "base/error.h"
 #include "render/world/everywhere.h"
+#include "render/world/instance_files.h"
 #include "volume/array_volume.h"
 #include "volume/majorant_cost.h"
 #include "volume/volume_grids.h"
@@ -97,47 +98,92 @@ VectorField load_colour_field(const std::filesystem::path& file, const std::stri
   return read_if_there<VectorField>(name, [&] { return load_colour(file, name_or_none(name), task); });
 }
 
-SceneMedia::SceneMedia(const Scene& scene, const Task& task) {
-  for (size_t i = 0; i < scene.volumes.size(); ++i) {
-    load(scene.volumes[i], scene, task);
-    emission_volumes_.resize(emissions_.size(), i);
+/// A scene's volumes and where they stand. Those that cannot share all that a medium is with their instances stand
+/// there as so many volumes.
+struct SceneMedia::Places {
+  explicit Places(const Scene& scene) : world(scene) {
+    if (scene.instances.empty()) {
+      for (size_t i = 0; i < scene.volumes.size(); ++i) volume.push_back(i);
+      instances.resize(scene.volumes.size());
+      return;
+    }
+    world.volumes.clear();
+    for (size_t i = 0; i < scene.volumes.size(); ++i) add(scene, i);
   }
-  for (Medium& m : media_) m.set_majorants(scene.render.majorant_scale, scene.render.majorants == "global");
-  bounds_ = {scene.camera.look_at - world_shift_, 1.0};
-  bool first = true;
-  const auto enclose = [&](const Medium::Sphere& s) {
-    if (first) {
-      bounds_ = s;
-      first = false;
+
+  Scene world;
+  std::vector<size_t> volume;           ///< by volume of the world: its number in the scene
+  std::vector<InstanceList> instances;  ///< likewise; without matrices: the volume stands at its own place
+
+ private:
+  static constexpr size_t kMostCopies = 256;
+
+  void add(const Scene& scene, size_t i) {
+    const VolumeSettings& v = scene.volumes[i];
+    InstanceList all;
+    for (size_t k = 0; k < scene.instances.size(); ++k) {
+      if (static_cast<size_t>(scene.instances[k].volume) != i) continue;
+      const InstanceList some = places_of(scene.instances[k], fmt::format("instances.{}", k));
+      all.matrices.insert(all.matrices.end(), some.matrices.begin(), some.matrices.end());
+      all.densities.insert(all.densities.end(), some.densities.begin(), some.densities.end());
+      all.tints.insert(all.tints.end(), some.tints.begin(), some.tints.end());
+    }
+    for (size_t k = 0; k < all.tints.size(); ++k)
+      if (const double highest = max_component(v.albedo * all.tints[k]); highest > 1 + 1e-9)
+        throw InputError(fmt::format(
+            "volumes.{}: the tint of its instance {} makes an albedo of {:.6g}; expected at most 1", i, k, highest));
+    const std::string why = why_copies(v, scene);
+    if (all.matrices.empty() || why.empty()) {
+      add(v, i).instances.back() = std::move(all);
       return;
     }
-    const double d = glm::distance(bounds_.centre, s.centre);
-    if (d + s.radius <= bounds_.radius) return;
-    if (d + bounds_.radius <= s.radius) {
-      bounds_ = s;
-      return;
+    if (all.matrices.size() > kMostCopies)
+      throw InputError(fmt::format(
+          "volumes.{}: it {}, and stands at {} places; expected at most {} of such a volume, or one that does not", i,
+          why, all.matrices.size(), kMostCopies));
+    for (size_t k = 0; k < all.matrices.size(); ++k) {
+      VolumeSettings copy = v;
+      copy.object_to_world = all.matrices[k] * v.object_to_world;
+      if (v.object_to_world_end != dmat4(0.0)) copy.object_to_world_end = all.matrices[k] * v.object_to_world_end;
+      copy.sigma_t *= all.densities[k];
+      copy.emission *= all.densities[k];
+      copy.albedo *= all.tints[k];
+      add(copy, i);
     }
-    const double radius = 0.5 * (d + bounds_.radius + s.radius);
-    bounds_.centre += (s.centre - bounds_.centre) * ((radius - bounds_.radius) / d);
-    bounds_.radius = radius;
-  };
-  for (const Medium& m : media_) enclose(m.bounding_sphere());
-  if (!first) return;
-  for (const EmissionField& e : emissions_) enclose(e.bounding_sphere());  // emission without density
-}
+  }
+  Places& add(const VolumeSettings& v, size_t number) {
+    world.volumes.push_back(v);
+    volume.push_back(number);
+    instances.emplace_back();
+    return *this;
+  }
+  /// Empty where instances of a volume are places of one medium.
+  static std::string why_copies(const VolumeSettings& v, const Scene& scene) {
+    const bool blurred = scene.camera.shutter.y > scene.camera.shutter.x;
+    if (v.emission != dvec3(0)) return "emits (emission)";
+    if (v.temperature_grid != "none") return "emits (temperature_grid)";
+    if (v.flame_grid != "none") return "emits (flame_grid)";
+    if (v.sigma_t.x != v.sigma_t.y || v.sigma_t.x != v.sigma_t.z) return "has an extinction with a colour (sigma_t)";
+    if (blurred && v.velocity_grid != "none") return "is blurred by its velocity (velocity_grid)";
+    if (blurred && v.object_to_world_end != dmat4(0.0)) return "moves over the shutter (object_to_world_end)";
+    return "";
+  }
+};
 
 /// One volume of a scene on its way from its settings to media and emissions.
 class SceneMedia::Loader {
  public:
-  Loader(SceneMedia& into, const VolumeSettings& v, const Scene& scene, const Task& task)
+  Loader(SceneMedia& into, const Places& places, size_t i, const Task& task)
       : into_(into),
-        v_(v),
-        scene_(scene),
+        v_(places.world.volumes[i]),
+        places_(places.instances[i]),
+        number_(places.volume[i]),
+        scene_(places.world),
         task_(task),
-        file_(v.file.empty() ? fmt::format("volumes.{}", &v - scene.volumes.data()) : v.file.filename().string()),
-        named_(v.file.empty() ? file_ : v.file.string()),
-        moves_(v.object_to_world_end != dmat4(0.0)),
-        shutter_opens_(scene.camera.shutter.y > scene.camera.shutter.x) {}
+        file_(v_.file.empty() ? fmt::format("volumes.{}", number_) : v_.file.filename().string()),
+        named_(v_.file.empty() ? file_ : v_.file.string()),
+        moves_(v_.object_to_world_end != dmat4(0.0)),
+        shutter_opens_(scene_.camera.shutter.y > scene_.camera.shutter.x) {}
 
   void load() {
     check_transform(v_.object_to_world, "object_to_world");
@@ -203,6 +249,10 @@ class SceneMedia::Loader {
     into_.shifted_ = true;
     into_.world_shift_ = middle;
   }
+  /// Where the volume stands, or its first instance.
+  dmat4 first_place() const {
+    return places_.matrices.empty() ? v_.object_to_world : places_.matrices[0] * v_.object_to_world;
+  }
   dmat4 world_from_object() const { return translation(-into_.world_shift_) * v_.object_to_world; }
   /// @param from_index  of a field's lattice, to the object's space
   dmat4 world_from(const dmat4& from_index) const {
@@ -216,11 +266,31 @@ class SceneMedia::Loader {
       const EverywhereBox box = everywhere_box(scene_, v_);
       shape.lo = box.lo, shape.hi = box.hi;
     }
-    shift_world_to(dvec3(v_.object_to_world * glm::dvec4(0.5 * (shape.lo + shape.hi), 1.0)));
+    shift_world_to(dvec3(first_place() * glm::dvec4(0.5 * (shape.lo + shape.hi), 1.0)));
     Medium medium(shape, world_from_object(), {v_.sigma_t, v_.albedo}, phase_of(v_));
     if (moves_ && shutter_opens_) medium.set_motion(translation(-into_.world_shift_) * v_.object_to_world_end);
     if (v_.emission != dvec3(0)) into_.emissions_.emplace_back(medium, v_.emission);
-    if (medium.extinction_per_density() > 0) into_.media_.push_back(medium);
+    if (medium.extinction_per_density() > 0) add_medium(medium, dmat4(1));
+  }
+
+  /// @param object_from_local  of the medium's coordinates
+  void add_medium(Medium& medium, const dmat4& object_from_local) {
+    if (!places_.matrices.empty()) {
+      std::vector<Instance> all;
+      for (size_t k = 0; k < places_.matrices.size(); ++k) {
+        if (!(places_.densities[k] > 0)) continue;
+        const dmat4 world_from_local =
+            translation(-into_.world_shift_) * places_.matrices[k] * v_.object_to_world * object_from_local;
+        all.push_back({Placement(world_from_local).to_local(), places_.densities[k], places_.tints[k]});
+      }
+      if (all.empty()) return;
+      const auto [lo, hi] = medium.support();
+      into_.instances_.push_back(std::make_shared<Instances>(std::move(all), lo, hi));
+      medium.set_instances(*into_.instances_.back());
+      into_.parts_.push_back(
+          {fmt::format("{}: {} instances", file_, into_.instances_.back()->size()), into_.instances_.back()->bytes()});
+    }
+    into_.media_.push_back(medium);
   }
 
   void load_density() {
@@ -237,15 +307,17 @@ class SceneMedia::Loader {
     count(density.summary.name, density.bricks.bytes());
     if (const BrickGrid& b = density.bricks; !b.empty()) {
       const dvec3 middle = 0.5 * (b.support_lo() + b.support_hi()) + dvec3(b.origin());
-      shift_world_to(dvec3(v_.object_to_world * density.world_from_index * translation(v_.index_offset) *
-                           glm::dvec4(middle, 1.0)));
+      shift_world_to(
+          dvec3(first_place() * density.world_from_index * translation(v_.index_offset) * glm::dvec4(middle, 1.0)));
     }
     Medium medium(density.bricks, world_from(density.world_from_index), {v_.sigma_t, v_.albedo}, phase_of(v_));
     if (v_.albedo_grid != "none" && !medium.empty()) load_colour_into(medium);
     if (v_.velocity_grid != "none" && !shutter_opens_)
       note("velocity_grid is set but camera.shutter opens and closes at once: no motion blur");
     set_in_motion(medium, density, volume_->displacement);
-    if (!medium.empty() && medium.extinction_per_density() > 0) into_.media_.push_back(medium);
+    if (!medium.empty() && medium.extinction_per_density() > 0)
+      add_medium(medium,
+                 density.world_from_index * translation(v_.index_offset) * translation(dvec3(density.bricks.origin())));
     if (const double highest = density.bricks.maximum(); v_.emission != dvec3(0) && !medium.empty())
       into_.emissions_.emplace_back(medium,
                                     EmissionRamp::of_colours({{0.0, dvec3(0)}, {highest, v_.emission * highest}}, 1.0));
@@ -273,7 +345,7 @@ class SceneMedia::Loader {
   /// Says before anything is rendered where flights would take very long, and refuses where they would never end.
   void check_majorants() {
     constexpr double kSlow = 1e6, kEndless = 1e12;  // tentative collisions; a core takes some ten million a second
-    Medium medium = into_.media_.empty() ? Medium() : into_.media_.back();
+    Medium medium = into_.media_.empty() ? Medium() : into_.media_.back().thickest();
     if (medium.empty() || medium.homogeneous() || &medium.bricks() != &volume_->density.bricks) return;
     medium.set_majorants(scene_.render.majorant_scale, scene_.render.majorants == "global");
     const double most = most_tentative_collisions(medium);
@@ -284,8 +356,7 @@ class SceneMedia::Loader {
         "{}: grid '{}' holds densities up to {:.3g}: a flight through one cell may take {:.1g} steps{}; half of its positive voxels are at most {:.3g}, 99 % {:.3g}, 99.99 % {:.3g}; {}",
         named_, volume_->density.summary.name, medium.maximum_density(), most,
         most > kEndless ? ", which never ends" : ", and the render be slow", q.at(0), q.at(1), q.at(2),
-        few ? fmt::format("if the rest is damage, limit it: -D volumes.{}.max_density={:.3g}",
-                          &v_ - scene_.volumes.data(), q.at(2))
+        few ? fmt::format("if the rest is damage, limit it: -D volumes.{}.max_density={:.3g}", number_, q.at(2))
             : "expected a smaller sigma_t or density");
     if (most > kEndless) throw InputError(text);
     check_depth(medium);
@@ -395,6 +466,8 @@ class SceneMedia::Loader {
 
   SceneMedia& into_;
   const VolumeSettings& v_;
+  const InstanceList& places_;
+  const size_t number_;  // of the volume in the scene's text
   const Scene& scene_;
   const Task& task_;
   const std::string file_, named_;  // how notes and errors call the volume
@@ -404,8 +477,34 @@ class SceneMedia::Loader {
   Volume* volume_ = nullptr;
 };
 
-void SceneMedia::load(const VolumeSettings& v, const Scene& scene, const Task& task) {
-  Loader(*this, v, scene, task).load();
+SceneMedia::SceneMedia(const Scene& scene, const Task& task) {
+  const Places places(scene);
+  for (size_t i = 0; i < places.volume.size(); ++i) {
+    Loader(*this, places, i, task).load();
+    emission_volumes_.resize(emissions_.size(), places.volume[i]);
+  }
+  for (Medium& m : media_) m.set_majorants(scene.render.majorant_scale, scene.render.majorants == "global");
+  bounds_ = {scene.camera.look_at - world_shift_, 1.0};
+  bool first = true;
+  const auto enclose = [&](const Medium::Sphere& s) {
+    if (first) {
+      bounds_ = s;
+      first = false;
+      return;
+    }
+    const double d = glm::distance(bounds_.centre, s.centre);
+    if (d + s.radius <= bounds_.radius) return;
+    if (d + bounds_.radius <= s.radius) {
+      bounds_ = s;
+      return;
+    }
+    const double radius = 0.5 * (d + bounds_.radius + s.radius);
+    bounds_.centre += (s.centre - bounds_.centre) * ((radius - bounds_.radius) / d);
+    bounds_.radius = radius;
+  };
+  for (const Medium& m : media_) enclose(m.bounding_sphere());
+  if (!first) return;
+  for (const EmissionField& e : emissions_) enclose(e.bounding_sphere());  // emission without density
 }
 
 }  // namespace brume

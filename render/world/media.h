@@ -47,11 +47,12 @@ class SceneMedia {
 
  private:
   struct Volume;
+  struct Places;
   class Loader;
-  void load(const VolumeSettings& settings, const Scene& scene, const Task& task);
 
   // Fields sit behind pointers: media refer to them.
   std::vector<std::shared_ptr<Volume>> volumes_;
+  std::vector<std::shared_ptr<const Instances>> instances_;
   std::vector<Medium> media_;
   std::vector<EmissionField> emissions_;
   std::vector<size_t> emission_volumes_;

@@ -73,6 +73,26 @@ class PlyReader {
     return mesh_.triangles(path_, "face");
   }
 
+  PlyPoints points(size_t most) {
+    read_header();
+    PlyPoints points;
+    for (const Element& element : elements_) {
+      element_ = &element;
+      const bool vertices = element.name == "vertex";
+      if (vertices && element.count > most) fail(fmt::format("{} points; expected at most {}", element.count, most));
+      const auto& properties = element.properties;
+      read_rows(element, [&](const Row& row) {
+        for (size_t p = 0; vertices && p < properties.size(); ++p)
+          if (!properties[p].list) points.values.push_back(row.values[p]);
+      });
+      if (!vertices) continue;
+      for (const Property& property : properties)
+        if (!property.list) points.names.push_back(property.name);
+      return points;
+    }
+    fail("has no element 'vertex'; expected points");
+  }
+
  private:
   /// One entry of an element: a number for each property, and the entries of its lists.
   struct Row {
@@ -314,6 +334,10 @@ class PlyReader {
 
 TriangleMesh read_ply(const fs::path& path) {
   return PlyReader(path).read();
+}
+
+PlyPoints read_ply_points(const fs::path& path, size_t most) {
+  return PlyReader(path).points(most);
 }
 
 }  // namespace brume

@@ -1,5 +1,7 @@
 #pragma once
 #include <filesystem>
+#include <string>
+#include <vector>
 
 #include "render/world/mesh.h"
 
@@ -13,5 +15,13 @@ namespace brume {
 ///         (PolygonMesh)
 /// Source: Turk, The PLY Polygon File Format.
 TriangleMesh read_ply(const std::filesystem::path& path);
+
+/// The vertices of a PLY, whatever they hold beside lists.
+struct PlyPoints {
+  std::vector<std::string> names;  ///< of their properties
+  std::vector<double> values;      ///< of one vertex after the other
+};
+/// @throws InputError: as read_ply; no vertices, or more than `most`
+PlyPoints read_ply_points(const std::filesystem::path& path, size_t most);
 
 }  // namespace brume

@@ -126,6 +126,46 @@ TEST(LampsAgainstTheDefinition, CastNoShadow) {
   EXPECT_NEAR(seen(true), 0.5, 1e-6);
 }
 
+// Instances of a grid and of a sphere, sheared and mirrored, denser and tinted, over one another and over a volume that
+// stands alone, in lanes and in double precision.
+TEST(InstancesAgainstTheDefinition, OverlapAndDiffer) {
+  Scene s = test::scene_of(test::source("data/volumes/cloud.vdb"), 1.5, 0.8, 0.4);
+  s.film.width = 32, s.film.height = 24;
+  s.camera.position += dvec3(0, -4, 0);
+  s.environment.radiance = dvec3(0.4, 0.45, 0.5);
+  LightSettings sun;
+  sun.type = "sun", sun.direction = dvec3(-0.8, -0.3, 0.5), sun.irradiance = dvec3(3, 2.5, 2);
+  s.lights.push_back(sun);
+  VolumeSettings ball;
+  ball.shape = "sphere", ball.sigma_t = dvec3(0.8), ball.albedo = dvec3(0.9), ball.g = -0.3;
+  s.volumes.push_back(ball);
+  ball.shape = "box", ball.sigma_t = dvec3(0.2), ball.lo = dvec3(-1, -1, 0), ball.hi = dvec3(1, 1, 2);
+  s.volumes.push_back(ball);
+  Rng rng(7);
+  for (int volume = 0; volume < 2; ++volume) {
+    auto list = std::make_shared<InstanceList>();
+    for (int i = 0; i < 9; ++i) {
+      dmat4 m(1);
+      for (int a = 0; a < 3; ++a) m[a] = glm::dvec4(test::random_point(rng, dvec3(-0.6), dvec3(0.6)), 0);
+      m[i % 3][i % 3] += i % 2 ? 0.9 : -0.9;
+      m[3] = glm::dvec4(test::random_point(rng, dvec3(-1.5), dvec3(1.5, 1.5, 2)), 1);
+      list->matrices.push_back(m);
+      list->densities.push_back(0.4 + 2 * rng.uniform());
+      list->tints.push_back(test::random_point(rng, dvec3(0.5), dvec3(1)));
+    }
+    InstanceSettings instances;
+    instances.volume = volume;
+    instances.arrays = list;
+    s.instances.push_back(instances);
+  }
+  for (const char* majorants : {"cells", "global"}) {
+    s.render.majorants = majorants;
+    const test::Agreement a = test::agreement(s, 120, 1);
+    EXPECT_LT(a.worst, test::kSigmas) << a.text();
+    EXPECT_LT(a.detectable, 0.1) << a.text();
+  }
+}
+
 // What random scenes do not draw: surfaces that move, that the camera does not see, that shine to both sides; a camera
 // that is shifted and rolls, with pixels that are not square; coloured reflections.
 TEST(SurfacesAgainstTheDefinition, MoveAreUnseenAndShineToBothSides) {

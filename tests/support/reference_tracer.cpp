@@ -33,7 +33,13 @@ class Tracer {
         time_(request.time),
         ray_(request.ray),
         eye_(request.ray.o) {
-    for (const Medium& m : scene.media) {
+    std::vector<Medium> all;
+    for (const Medium& m : scene.media)
+      if (m.instances())
+        for (size_t i = 0; i < m.instances()->size(); ++i) all.push_back(m.instance(i));
+      else
+        all.push_back(m);
+    for (const Medium& m : all) {
       media_.push_back(m.at_time(request.time));
       spheres_.push_back(media_.back().bounding_sphere());
       sigma_maj_ += m.extinction_per_density() * m.maximum_density();

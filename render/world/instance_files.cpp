@@ -1,0 +1,249 @@
+#include "render/world/instance_files.h"
+
+#include <fmt/format.h>
+
+#include <algorithm>
+#include <array>
+#include <bit>
+#include <cctype>
+#include <cmath>
+#include <optional>
+#include <span>
+#include <string_view>
+#include <vector>
+
+#include "base/error.h"
+#include "base/rng.h"
+#include "base/text.h"
+#include "render/world/file_numbers.h"
+#include "render/world/ply_file.h"
+#include "volume/placement.h"
+
+namespace brume {
+namespace {
+
+namespace fs = std::filesystem;
+
+constexpr size_t kMost = 1 << 22;  // places of one entry: about 350 bytes each
+
+[[noreturn]] void fail_for_count(const std::string& name, size_t count) {
+  throw InputError(fmt::format("{}: {} places; expected at most {}", name, count, kMost));
+}
+
+/// Numbers in named columns.
+struct Table {
+  std::vector<std::string> columns;
+  std::vector<double> values;  ///< row by row
+  std::string row_name;        ///< "line" or "point"
+  size_t first_row = 1;        ///< what the first one is counted as
+
+  size_t rows() const { return columns.empty() ? 0 : values.size() / columns.size(); }
+};
+
+Table read_csv(const fs::path& path) {
+  const std::string bytes = read_whole(path);
+  const auto lines = static_cast<size_t>(std::count(bytes.begin(), bytes.end(), '\n'));
+  if (lines > kMost + 1) fail_for_count(path.string(), lines - 1);
+  Table table{{}, {}, "line", 2};
+  size_t number = 0, at = 0;
+  char separator = ',';
+  std::vector<std::string> words;
+  while (at < bytes.size()) {
+    const size_t end = std::min(bytes.find('\n', at), bytes.size());
+    std::string line = bytes.substr(at, end - at);
+    at = end + 1;
+    ++number;
+    if (line.ends_with('\r')) line.pop_back();
+    if (number == 1) {
+      if (line.starts_with("\xef\xbb\xbf")) line.erase(0, 3);
+      for (const char c : {'\t', ';', ','})
+        if (line.find(c) != std::string::npos) separator = c;
+    }
+    words = split(line, separator);
+    for (std::string& word : words) {
+      std::erase_if(word, [](char c) { return c == ' ' || c == '"'; });
+    }
+    if (number == 1) {
+      table.columns = words;
+      continue;
+    }
+    if (at >= bytes.size() && words.size() == 1 && words[0].empty()) break;  // a blank last line
+    if (words.size() != table.columns.size())
+      throw InputError(fmt::format("{}: line {} has {} columns; expected {}, as its first line names them",
+                                   path.string(), number, words.size(), table.columns.size()));
+    for (size_t c = 0; c < words.size(); ++c) {
+      const std::optional<double> value = to_number(words[c]);
+      if (!value)
+        throw InputError(fmt::format("{}: line {}, column '{}': '{}' is no number", path.string(), number,
+                                     table.columns[c], words[c].substr(0, 30)));
+      table.values.push_back(*value);
+    }
+  }
+  return table;
+}
+
+Table read_points(const fs::path& path) {
+  PlyPoints points = read_ply_points(path, kMost);
+  return {std::move(points.names), std::move(points.values), "point", 1};
+}
+
+/// "P[x]", "P.x" and "P_x" are px.
+std::string plain(std::string_view name) {
+  std::string text;
+  for (const char c : name)
+    if (std::isalnum(static_cast<unsigned char>(c))) text += c;
+  return lower(text);
+}
+
+/// Columns of a table by what they mean.
+class Columns {
+ public:
+  Columns(const fs::path& path, const Table& table) : path_(path), table_(table) {
+    for (const std::string& name : table.columns) names_.push_back(plain(name));
+    position_ = vector({"", "p", "position", "pos", "t", "translate", "location"}, 3);
+    for (int i = 0; i < 12; ++i)
+      if (const int place = find(fmt::format("m{}{}", i / 4, i % 4)); place >= 0) matrix_.push_back(place);
+    if (!matrix_.empty() && matrix_.size() < 12) fail("some of m00 .. m23", "all twelve: three rows of a matrix");
+    if (matrix_.empty() && position_.empty()) fail("no place", "x, y, z, or m00 .. m23");
+    orient_ = vector({"orient", "orientation", "rot", "rotation", "quaternion", "quat"}, 4);
+    scales_ = vector({"scale"}, 3);
+    scale_ = find("scale");
+    pscale_ = find("pscale");
+    density_ = find("density");
+    tint_ = vector({"tint"}, 3);
+  }
+
+  void add_row(size_t row, InstanceList& list) const {
+    const double* const values = table_.values.data() + row * table_.columns.size();
+    const auto at = [&](int place) {
+      const double value = values[place];
+      if (!std::isfinite(value)) fail_in(row, table_.columns[static_cast<size_t>(place)], value, "a finite number");
+      return value;
+    };
+    dmat4 m(1);
+    if (!matrix_.empty()) {
+      for (int i = 0; i < 12; ++i) m[i % 4][i / 4] = at(matrix_[static_cast<size_t>(i)]);
+    } else {
+      dmat3 rotation(1);
+      if (!orient_.empty()) {
+        glm::dvec4 q;
+        for (int i = 0; i < 4; ++i) q[i] = at(orient_[static_cast<size_t>(i)]);
+        const double length = glm::length(q);
+        if (!(length > 1e-12)) fail_in(row, table_.columns[static_cast<size_t>(orient_[0])], 0, "a quaternion above 0");
+        q /= length;
+        rotation = dmat3(1 - 2 * (q.y * q.y + q.z * q.z), 2 * (q.x * q.y + q.w * q.z), 2 * (q.x * q.z - q.w * q.y),
+                         2 * (q.x * q.y - q.w * q.z), 1 - 2 * (q.x * q.x + q.z * q.z), 2 * (q.y * q.z + q.w * q.x),
+                         2 * (q.x * q.z + q.w * q.y), 2 * (q.y * q.z - q.w * q.x), 1 - 2 * (q.x * q.x + q.y * q.y));
+      }
+      const double uniform = (scale_ >= 0 ? at(scale_) : 1) * (pscale_ >= 0 ? at(pscale_) : 1);
+      for (int a = 0; a < 3; ++a) {
+        const double own = scales_.empty() ? 1 : at(scales_[static_cast<size_t>(a)]);
+        m[a] = glm::dvec4(rotation[a] * (uniform * own), 0);
+        m[3][a] = at(position_[static_cast<size_t>(a)]);
+      }
+    }
+    if (const std::string wrong = what_forbids_transform(m); !wrong.empty())
+      throw InputError(fmt::format("{}: {} {}: its matrix is {}; expected an invertible one, scales other than 0",
+                                   path_.string(), table_.row_name, table_.first_row + row, wrong));
+    list.matrices.push_back(m);
+    const auto factor = [&](int place) {
+      const double value = at(place);
+      if (value < 0) fail_in(row, table_.columns[static_cast<size_t>(place)], value, "at least 0");
+      return value;
+    };
+    if (density_ >= 0) list.densities.push_back(factor(density_));
+    if (!tint_.empty()) list.tints.emplace_back(factor(tint_[0]), factor(tint_[1]), factor(tint_[2]));
+  }
+
+ private:
+  [[noreturn]] void fail(const std::string& found, const std::string& expected) const {
+    throw InputError(fmt::format("{}: its columns name {}; expected {}; it has {}", path_.string(), found, expected,
+                                 join(table_.columns)));
+  }
+  [[noreturn]] void fail_in(size_t row, const std::string& column, double found, const std::string& expected) const {
+    throw InputError(fmt::format("{}: {} {}, '{}': {}; expected {}", path_.string(), table_.row_name,
+                                 table_.first_row + row, column, found, expected));
+  }
+  int find(const std::string& name) const {
+    const auto found = std::find(names_.begin(), names_.end(), name);
+    return found == names_.end() ? -1 : static_cast<int>(found - names_.begin());
+  }
+  /// The columns of a vector under the first of its names that is there: x, y, z, w, or r, g, b, or 0, 1, 2, 3.
+  std::vector<int> vector(std::initializer_list<const char*> names, size_t length) const {
+    for (const std::string name : names)
+      for (const std::string_view ends : {"xyzw", "rgba", "0123"}) {
+        std::vector<int> places;
+        if (name.empty() && ends != "xyzw") continue;
+        for (size_t k = 0; k < length; ++k)
+          if (const int place = find(name + ends[k]); place >= 0) places.push_back(place);
+        if (places.size() == length) return places;
+        if (!places.empty() && !name.empty())
+          fail(fmt::format("{} parts of '{}'", places.size(), name),
+               fmt::format("{}: {}", length, length == 4 ? "a quaternion, x, y, z, w" : "one for each axis"));
+      }
+    return {};
+  }
+
+  const fs::path& path_;
+  const Table& table_;
+  std::vector<std::string> names_;
+  std::vector<int> position_, matrix_, orient_, scales_, tint_;
+  int scale_ = -1, pscale_ = -1, density_ = -1;
+};
+
+InstanceList read_places(const fs::path& path) {
+  const std::string kind = plain(path.extension().string());
+  if (kind != "csv" && kind != "ply")
+    throw InputError(
+        fmt::format("{}: of the kind '{}'; expected .csv or .ply", path.string(), path.extension().string()));
+  const Table table = kind == "csv" ? read_csv(path) : read_points(path);
+  const Columns columns(path, table);
+  InstanceList list;
+  for (size_t row = 0; row < table.rows(); ++row) columns.add_row(row, list);
+  return list;
+}
+
+}  // namespace
+
+std::string check_places(const std::string& name, const InstanceList& list) {
+  const size_t count = list.matrices.size();
+  if (count == 0) throw InputError(fmt::format("{}: has no matrices; expected one for each place", name));
+  for (const auto& [what, have] : {std::pair("densities", list.densities.size()), {"tints", list.tints.size()}})
+    if (have > 0 && have != count)
+      throw InputError(
+          fmt::format("{}.{}: {} rows, expected {}, one for each of its matrices", name, what, have, count));
+  const auto at_least_0 = [](double v) { return v >= 0 && std::isfinite(v); };
+  uint64_t hash = count;
+  const auto add = [&](double v) { hash = mix64(hash ^ std::bit_cast<uint64_t>(v)); };
+  for (size_t i = 0; i < count; ++i) {
+    if (!list.densities.empty() && !at_least_0(list.densities[i]))
+      throw InputError(fmt::format("{}.densities: {} in row {}; expected at least 0", name, list.densities[i], i));
+    for (int c = 0; c < 3 && !list.tints.empty(); ++c)
+      if (!at_least_0(list.tints[i][c]))
+        throw InputError(fmt::format("{}.tints: {} in row {}; expected at least 0", name, list.tints[i][c], i));
+    for (int a = 0; a < 16; ++a) add(list.matrices[i][a / 4][a % 4]);
+    if (!list.densities.empty()) add(list.densities[i]);
+    for (int c = 0; c < 3 && !list.tints.empty(); ++c) add(list.tints[i][c]);
+  }
+  return fmt::format("{:016x}", hash);
+}
+
+InstanceList places_of(const InstanceSettings& settings, const std::string& name) {
+  InstanceList list = settings.arrays ? *settings.arrays : InstanceList{settings.matrices, {}, {}};
+  if (!settings.file.empty()) list = read_places(settings.file);
+  const size_t count = list.matrices.size();
+  if (count == 0)
+    throw InputError(fmt::format("{}: holds no places; expected at least one",
+                                 settings.file.empty() ? name : settings.file.string()));
+  if (count > kMost) fail_for_count(name, count);
+  list.densities.resize(count, 1.0);
+  list.tints.resize(count, dvec3(1));
+  for (size_t i = 0; i < count; ++i) {
+    list.matrices[i] = settings.object_to_world * list.matrices[i];
+    list.densities[i] *= settings.density;
+    list.tints[i] *= settings.tint;
+  }
+  return list;
+}
+
+}  // namespace brume

@@ -1,0 +1,198 @@
+#include <gtest/gtest.h>
+
+#include <fstream>
+
+#include "render/scene/scene_io.h"
+#include "render/session/renderer.h"
+#include "render/world/instance_files.h"
+#include "render/world/media.h"
+#include "tests/support/error_of.h"
+#include "tests/support/files.h"
+#include "tests/support/volumes.h"
+
+namespace brume {
+namespace {
+
+using test::error_of;
+
+std::vector<Instance> random_instances(Rng& rng, int count, double spread) {
+  std::vector<Instance> all;
+  for (int i = 0; i < count; ++i) {
+    const dmat4 m = translation(test::random_point(rng, dvec3(-spread), dvec3(spread))) *
+                    test::scaling(dvec3(0.3 + rng.uniform())) * test::scaling(dvec3(1, 1, i % 2 ? 1 : -1));
+    all.push_back({Placement(m).to_local(), 1.0, dvec3(1)});
+  }
+  return all;
+}
+
+TEST(Instances, AreFoundInTheOrderInWhichARayMeetsThem) {
+  Rng rng(1);
+  for (const int count : {1, 2, 3, 17, 500}) {
+    const Instances all(random_instances(rng, count, 6), dvec3(-0.5), dvec3(0.5));
+    for (int k = 0; k < 300; ++k) {
+      Ray ray{test::random_point(rng, dvec3(-9), dvec3(9)), test::random_direction(rng)};
+      if (k % 3 == 0) ray.d = dvec3(k % 2, 1 - k % 2, 0);
+      const double t_max = k % 4 == 0 ? 5 : kUnbounded;
+      std::vector<Instances::Met> expected, found;
+      for (uint32_t i = 0; i < all.size(); ++i)
+        if (const auto [t0, t1] = all.part(i, ray, t_max); t0 < t1) expected.push_back({t0, i});
+      std::sort(expected.begin(), expected.end());
+      Instances::Met last;
+      std::array<Instances::Met, 3> some;
+      while (const size_t n = all.next(ray, t_max, last, some)) {
+        found.insert(found.end(), some.begin(), some.begin() + static_cast<std::ptrdiff_t>(n));
+        last = found.back();
+        if (n < some.size()) break;
+      }
+      ASSERT_EQ(found.size(), expected.size()) << count << " " << k;
+      size_t unordered = 0;
+      all.each_met(ray, t_max, [&](size_t) { ++unordered; });
+      EXPECT_EQ(unordered, expected.size());
+      for (size_t i = 0; i < found.size(); ++i) EXPECT_EQ(found[i].number, expected[i].number);
+    }
+  }
+}
+
+TEST(Instances, KnowThoseAroundThem) {
+  Rng rng(2);
+  const Instances all(random_instances(rng, 40, 4), dvec3(-0.5), dvec3(0.5));
+  for (size_t i = 0; i < all.size(); ++i) {
+    const auto around = all.around(i);
+    if (!around) continue;
+    const dvec3 middle = Placement(all[i].to_local).to_world(dvec3(0));
+    all.each_around(middle,
+                    [&](size_t k) { EXPECT_TRUE(k == i || std::count(around->begin(), around->end(), k) == 1); });
+  }
+}
+
+class InstanceFiles : public ::testing::Test {
+ protected:
+  InstanceSettings written(const std::string& name, const std::string& text) {
+    std::ofstream(folder_ / name, std::ios::binary) << text;
+    InstanceSettings settings;
+    settings.file = folder_ / name;
+    return settings;
+  }
+  std::string error(const std::string& name, const std::string& text) {
+    const InstanceSettings settings = written(name, text);
+    return error_of([&] { places_of(settings, "instances.0"); });
+  }
+  test::TemporaryFolder folder_;
+};
+
+// A quarter turn about z, twice as large: x becomes y.
+TEST_F(InstanceFiles, HoldPlacesTurnsAndScales) {
+  const std::string numbers = "1,2,3,0,0,0.70710678118654752,0.70710678118654752,2,0.5,1,0.5,0.25";
+  for (const char* names : {"x,y,z,orient.x,orient.y,orient.z,orient.w,pscale,density,tint_r,tint_g,tint_b",
+                            "P[x],P[y],P[z],rot[0],rot[1],rot[2],rot[3],scale,density,tint[0],tint[1],tint[2]"}) {
+    const InstanceList list = places_of(written("a.csv", std::string(names) + "\r\n" + numbers + "\r\n"), "");
+    ASSERT_EQ(list.matrices.size(), 1u);
+    const dvec3 p(list.matrices[0] * glm::dvec4(1, 0, 0, 1));
+    EXPECT_LT(glm::distance(p, dvec3(1, 4, 3)), 1e-12);
+    EXPECT_EQ(list.densities[0], 0.5);
+    EXPECT_EQ(list.tints[0], dvec3(1, 0.5, 0.25));
+  }
+  const InstanceList rows =
+      places_of(written("m.csv", "m00;m01;m02;m03;m10;m11;m12;m13;m20;m21;m22;m23\n1;0;0;7;0;2;0;8;0;0;3;9\n"), "");
+  EXPECT_EQ(dvec3(rows.matrices[0] * glm::dvec4(1, 1, 1, 1)), dvec3(8, 10, 12));
+  const InstanceList points =
+      places_of(written("p.ply",
+                        "ply\nformat ascii 1.0\nelement vertex 2\nproperty float x\nproperty float y\nproperty float "
+                        "z\nproperty float scale_x\nproperty float scale_y\nproperty float scale_z\nend_header\n"
+                        "0 0 0 1 1 1\n1 2 3 2 3 4\n"),
+                "");
+  ASSERT_EQ(points.matrices.size(), 2u);
+  EXPECT_EQ(dvec3(points.matrices[1] * glm::dvec4(1, 1, 1, 1)), dvec3(3, 5, 7));
+}
+
+TEST_F(InstanceFiles, SayWhatIsWrongAndWhere) {
+  EXPECT_NE(error("a.csv", "x,y\n1,2\n").find("no place; expected x, y, z, or m00 .. m23; it has x, y"),
+            std::string::npos);
+  EXPECT_NE(error("a.csv", "x,y,z\n1,2,3\n1,2\n").find("line 3 has 2 columns; expected 3"), std::string::npos);
+  EXPECT_NE(error("a.csv", "x,y,z\n1,2,big\n").find("line 2, column 'z': 'big' is no number"), std::string::npos);
+  EXPECT_NE(error("a.csv", "x,y,z\n1,2,nan\n").find("line 2, 'z': nan; expected a finite number"), std::string::npos);
+  EXPECT_NE(error("a.csv", "x,y,z,pscale\n1,2,3,0\n").find("line 2: its matrix is singular"), std::string::npos);
+  EXPECT_NE(error("a.csv", "x,y,z,density\n1,2,3,-1\n").find("'density': -1; expected at least 0"), std::string::npos);
+  EXPECT_NE(error("a.csv", "x,y,z,rot_x,rot_y,rot_z\n1,2,3,0,0,0\n").find("3 parts of 'rot'; expected 4"),
+            std::string::npos);
+  EXPECT_NE(error("a.csv", "x,y,z\n").find("holds no places"), std::string::npos);
+  EXPECT_NE(error("a.csv", "").find("no place"), std::string::npos);
+  EXPECT_NE(error("a.txt", "x,y,z\n1,2,3\n").find("expected .csv or .ply"), std::string::npos);
+  EXPECT_NE(error("a.ply", "ply\nformat ascii 1.0\nelement vertex 10000000\nproperty float x\nend_header\n")
+                .find("10000000 points; expected at most"),
+            std::string::npos);
+  EXPECT_NE(error("a.csv", "x,y,z\n" + std::string(10'000'000, '\n')).find("places; expected at most"),
+            std::string::npos);
+}
+
+TEST(InstancesOfScenes, SayWhatIsWrong) {
+  const auto error = [](const std::string& text) {
+    return error_of([&] {
+      parse_scene_alone(
+          "[camera]\nposition = [0, -5, 0]\nlook_at = [0, 0, 0]\n[[volumes]]\nshape = \"sphere\"\n" + text,
+          "scene.toml");
+    });
+  };
+  const std::string one = "matrices = [[[1,0,0,0],[0,1,0,0],[0,0,1,0],[0,0,0,1]]]\n";
+  EXPECT_EQ(error("[[instances]]\n" + one), "");
+  EXPECT_NE(error("[[instances]]\n").find("neither 'matrices' nor 'file'"), std::string::npos);
+  EXPECT_NE(error("[[instances]]\nmatrices = []\n").find("'matrices' is empty"), std::string::npos);
+  EXPECT_NE(error("[[instances]]\nvolume = 1\n" + one).find("'volume' is 1"), std::string::npos);
+  EXPECT_NE(error("[[instances]]\nfile = \"none.csv\"\n").find("no such file"), std::string::npos);
+  EXPECT_NE(error("[[instances]]\nmatrices = [[[1,0,0,0],[0,0,0,0],[0,0,1,0],[0,0,0,1]]]\n")
+                .find("matrix 0 of 'matrices' is singular"),
+            std::string::npos);
+  EXPECT_NE(error("[[instances]]\nmatrices = [[[nan,0,0,0],[0,0,0,0],[0,0,1,0],[0,0,0,1]]]\n").find("out of range"),
+            std::string::npos);
+}
+
+// One medium whatever the number of places; those that emit stand there as so many volumes, of which there is an end.
+TEST(InstancesOfScenes, ShareAMediumUnlessTheyEmit) {
+  Scene scene = test::scene_of(test::source("data/volumes/smoke.vdb"), 1, 0.9, 0);
+  auto list = std::make_shared<InstanceList>();
+  for (int i = 0; i < 300; ++i) list->matrices.push_back(translation(dvec3(i, 0, 0)));
+  scene.instances.emplace_back();
+  scene.instances[0].arrays = list;
+  EXPECT_EQ(SceneMedia(scene, {}).media().size(), 1u);
+  scene.instances[0].tint = dvec3(2, 1, 1);
+  EXPECT_NE(error_of([&] { SceneMedia(scene, {}); }).find("makes an albedo of 1.8"), std::string::npos);
+  scene.instances[0].tint = dvec3(1);
+  scene.volumes[0].emission = dvec3(1);
+  EXPECT_NE(error_of([&] { SceneMedia(scene, {}); }).find("emits (emission), and stands at 300 places"),
+            std::string::npos);
+  list->matrices.resize(5);
+  EXPECT_EQ(SceneMedia(scene, {}).media().size(), 5u);
+}
+
+// Predicted light of instances is that of as many volumes.
+TEST(InstancesOfScenes, HaveTheGuidesOfAsManyVolumes) {
+  Scene scene = test::scene_of(test::source("data/volumes/cloud.vdb"), 8, 0.99, 0.5);
+  scene.environment.radiance = dvec3(0.3);
+  LightSettings sun;
+  sun.type = "sun", sun.direction = dvec3(-0.8, -0.3, 0.5), sun.irradiance = dvec3(3);
+  scene.lights.push_back(sun);
+  Scene copies = scene;
+  copies.volumes.clear();
+  auto list = std::make_shared<InstanceList>();
+  Rng rng(3);
+  for (int i = 0; i < 6; ++i) {
+    list->matrices.push_back(translation(test::random_point(rng, dvec3(-1.5), dvec3(1.5))) * test::scaling(dvec3(0.7)));
+    copies.volumes.push_back(scene.volumes[0]);
+    copies.volumes.back().object_to_world = list->matrices.back();
+  }
+  scene.instances.emplace_back();
+  scene.instances[0].arrays = list;
+  const LayerRequest layers = LayerRequest::of({"guides"}, false);
+  const Layers ours = PreparedScene(scene, layers).render(1, 1, {}).layers;
+  const Layers theirs = PreparedScene(copies, layers).render(1, 1, {}).layers;
+  for (const char* name :
+       {"guide.opacity.Y", "guide.single.sun.Y", "guide.predicted_direct.G", "guide.predicted_indirect.G"}) {
+    double a = 0, b = 0;
+    for (int y = 0; y < ours.height(); ++y)
+      for (int x = 0; x < ours.width(); ++x) a += ours.at(name)(x, y), b += theirs.at(name)(x, y);
+    EXPECT_NEAR(a, b, 0.01 * b) << name;
+  }
+}
+
+}  // namespace
+}  // namespace brume
