@@ -93,6 +93,9 @@ class Viewport:
         except CannotTranslate as reason:
             self._problem = str(reason)
             return
+        except Exception as bug:  # which F12 shows in full: a viewport has one line
+            self._problem = f"the scene cannot be translated ({type(bug).__name__}: {bug}); F12 says where"
+            return
         self._problem, self._remarks, self._extent = None, translation.notes, translation.reach
         if translation.text == self._text and not (self._live is not None and self._live.ended()):
             return
