@@ -142,8 +142,13 @@ class Viewport:
         assignments = camera.assignments()
         if settings.indirect_limit > 0:
             assignments.append(f"render.indirect_limit={settings.indirect_limit}")
-        layers = ["picture", "alpha"] if scene.render.film_transparent else ["picture"]
-        return {"set": assignments, "size": _size(self._place, context, scene), "layers": layers, "samples": settings.viewport_samples, "revision": self._revision}
+        return {
+            "set": assignments,
+            "size": _size(self._place, context, scene),
+            "layers": ["picture", "alpha"] if scene.render.film_transparent else ["picture"],
+            "samples": settings.viewport_samples,
+            "revision": self._revision,
+        }
 
     def _tick(self):
         """Of a timer: has the viewport drawn when something has come."""
