@@ -93,6 +93,9 @@ class Viewport:
         except CannotTranslate as reason:
             self._problem = str(reason)
             return
+        except Exception as bug:  # which F12 shows in full: a viewport has one line
+            self._problem = f"the scene cannot be translated ({type(bug).__name__}: {bug}); F12 says where"
+            return
         self._problem, self._remarks, self._extent = None, translation.notes, translation.reach
         if translation.text == self._text and not (self._live is not None and self._live.ended()):
             return
@@ -139,8 +142,13 @@ class Viewport:
         assignments = camera.assignments()
         if settings.indirect_limit > 0:
             assignments.append(f"render.indirect_limit={settings.indirect_limit}")
-        layers = ["picture", "alpha"] if scene.render.film_transparent else ["picture"]
-        return {"set": assignments, "size": _size(self._place, context, scene), "layers": layers, "samples": settings.viewport_samples, "revision": self._revision}
+        return {
+            "set": assignments,
+            "size": _size(self._place, context, scene),
+            "layers": ["picture", "alpha"] if scene.render.film_transparent else ["picture"],
+            "samples": settings.viewport_samples,
+            "revision": self._revision,
+        }
 
     def _tick(self):
         """Of a timer: has the viewport drawn when something has come."""

@@ -66,6 +66,7 @@ class Folder:
                 os.remove(path)
         there = set(self.files)
         self.written = {key: value for key, value in self.written.items() if getattr(value, "path", value) in there}
+        self.geometries = {key: value for key, value in self.geometries.items() if any(key in other for other in self.written)}
 
     def remove(self):
         """The files that were written."""
