@@ -11,8 +11,8 @@ namespace {
 constexpr float kThinStep = 0.01f;      // opacity of steps that are joined
 constexpr float kBoundOfOne = 6.4e-3f;  // over the most parts: of transmittance, and of light as a share of the pixel's
 constexpr double kSameDepth = 0.02;     // of the distance: hits of one surface in one pixel that are one point
-constexpr size_t kKnots = 4;            // for each part that there may be
-constexpr int kSweeps = 1;              // over the knots of a pixel with as many parts as it may have
+constexpr size_t kKnots = 6;            // for each part that there may be
+constexpr int kSweeps = 2;              // over the knots of a pixel with as many parts as it may have
 constexpr float kNothing = 1e-6f;       // transmittance: of a volume less would be a wall in single precision
 constexpr float kMostShift = 0.1f;      // of a knot's transmittance
 
