@@ -1,20 +1,31 @@
 #include "render/guides/deep_pixels.h"
 
 #include <algorithm>
+#include <bit>
 #include <cmath>
+#include <numbers>
 
 namespace brume {
 namespace {
 
-constexpr float kThinStep = 1.0f / 400;  // opacity of steps that are joined
+constexpr float kThinStep = 0.01f;      // opacity of steps that are joined
 constexpr float kBoundOfOne = 6.4e-3f;  // over the most parts: of transmittance, and of light as a share of the pixel's
 constexpr double kSameDepth = 0.02;     // of the distance: hits of one surface in one pixel that are one point
-constexpr int kSweeps = 3;              // over the knots of a pixel that has as many parts as it may
+constexpr size_t kKnots = 6;            // for each part that there may be
+constexpr int kSweeps = 2;              // over the knots of a pixel with as many parts as it may have
 constexpr float kNothing = 1e-6f;       // transmittance: of a volume less would be a wall in single precision
 constexpr float kMostShift = 0.1f;      // of a knot's transmittance
 
 float sum(const vec3& v) {
   return v.x + v.y + v.z;
+}
+
+/// e^x for x <= 0, relative error below 1e-5.
+float fast_exp(float x) {
+  const float t = std::max(x * std::numbers::log2e_v<float>, -126.0f), whole = std::floor(t), f = t - whole;
+  const float power =
+      1 + f * (0.69315308f + f * (0.24015361f + f * (0.05582631f + f * 0.00898934f + f * f * 0.00187758f)));
+  return std::bit_cast<float>((static_cast<int32_t>(whole) + 127) << 23) * power;
 }
 
 /// Of a part, up to a place inside: transmittance, and the share of its light. @param before  transmittance
@@ -115,11 +126,13 @@ std::vector<DeepPart> DeepPixels::of_rays(std::span<const DeepRay> rays, const v
   return mean(profiles_, most);
 }
 
-/// Of the ends of all parts, as many as one pixel has; both sides of each point.
-void DeepPixels::make_knots(std::span<const std::vector<DeepPart>> pixels) {
+/// Of the ends of all parts, as many as one pixel has, and not many more than will be needed; both sides of each point.
+void DeepPixels::make_knots(std::span<const std::vector<DeepPart>> pixels, size_t most) {
   places_.clear();
-  const size_t every = pixels.size();
-  for (size_t pixel = 0; pixel < every; ++pixel) {
+  size_t all = 0;
+  for (const std::vector<DeepPart>& parts : pixels) all += parts.size();
+  const size_t every = std::max(pixels.size(), all / (kKnots * most));
+  for (size_t pixel = 0; pixel < pixels.size(); ++pixel) {
     const std::vector<DeepPart>& parts = pixels[pixel];
     for (size_t i = 0; i < parts.size(); ++i) {
       const DeepPart& p = parts[i];
@@ -131,7 +144,7 @@ void DeepPixels::make_knots(std::span<const std::vector<DeepPart>> pixels) {
       const bool follows = i > 0 && parts[i - 1].z_back == p.z,
                  precedes = i + 1 < parts.size() && parts[i + 1].z == p.z_back;
       if (!follows) places_.emplace_back(p.z, false);
-      if (!precedes || (i + pixel) % every == 0) places_.emplace_back(p.z_back, false);
+      if (!precedes || (i + pixel * every / pixels.size()) % every == 0) places_.emplace_back(p.z_back, false);
     }
   }
   std::sort(places_.begin(), places_.end());
@@ -173,7 +186,7 @@ DeepPixels::Piece DeepPixels::piece(size_t from, size_t to) const {
   const float per_z = 1 / (b.z - a.z), depth = b.log_left - a.log_left, taken = a.left - b.left;
   for (size_t m = from + 1; m < to; ++m) {
     const Knot& k = knots_[m];
-    const float f = (k.z - a.z) * per_z, left = a.left * std::exp(f * depth);
+    const float f = (k.z - a.z) * per_z, left = a.left * fast_exp(f * depth);
     const float share = taken > kNothing ? (a.left - left) / taken : f;
     const float error =
         std::max(std::abs(left - k.left), std::abs(a.light_sum + share * (b.light_sum - a.light_sum) - k.light_sum));
@@ -219,7 +232,7 @@ void DeepPixels::share_errors() {
 }
 
 std::vector<DeepPart> DeepPixels::mean(std::span<const std::vector<DeepPart>> pixels, size_t most) {
-  make_knots(pixels);
+  make_knots(pixels, most);
   if (places_.empty()) return {};
   add_up(pixels);
   pieces_.clear();

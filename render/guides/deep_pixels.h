@@ -93,7 +93,7 @@ class DeepPixels {
   };
 
   void join_hits(std::span<const DeepRay> rays, size_t most);
-  void make_knots(std::span<const std::vector<DeepPart>> pixels);
+  void make_knots(std::span<const std::vector<DeepPart>> pixels, size_t most);
   void add_up(std::span<const std::vector<DeepPart>> pixels);
   Piece piece(size_t from, size_t to) const;
   bool is_empty(const Piece& piece) const;
