@@ -115,6 +115,11 @@ void MediaLine::find_extent(Local& local) {
   return static_cast<double>(trilinear(values, x, y, vec3(p - dvec3(voxel)), gradient));
 }
 
+[[gnu::noinline]] double MediaLine::coloured_albedo(const Local& local, double t) const {
+  const auto number = static_cast<size_t>(local.instance - local.medium->instances()->data());
+  return in_colour(local.medium->albedo(number, ray_.at(t)), colour_);
+}
+
 GuideMedia::Point MediaLine::look_up(double t, dvec3* gradient) {
   GuideMedia::Point point;
   if (gradient) *gradient = dvec3(0);
@@ -140,11 +145,9 @@ GuideMedia::Point MediaLine::look_up(double t, dvec3* gradient) {
     const double sigma = found * per_density;
     if (gradient)
       *gradient += per_density * (one ? glm::transpose(one->to_local.matrix) * slope : m.gradient_to_world(slope));
-    double albedo = one ? local.albedo : c.albedo[colour];
-    if (m.coloured()) {
-      const dvec3 p = ray_.at(t);
-      albedo = in_colour(one ? m.albedo(static_cast<size_t>(one - m.instances()->data()), p) : m.albedo(p), colour_);
-    }
+    const double albedo = m.coloured() ? one ? coloured_albedo(local, t) : in_colour(m.albedo(ray_.at(t)), colour_)
+                          : one ? local.albedo
+                                       : c.albedo[colour];
     const double sigma_s = sigma * albedo;
     point.sigma_t += sigma;
     scattered += sigma_s;

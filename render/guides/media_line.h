@@ -32,6 +32,7 @@ class MediaLine {
     double extinction = 0, albedo = 0;   ///< of an instance: per density; grey or of the colour
     dvec3 tint{1};
   };
+  double coloured_albedo(const Local& instance, double t) const;
   static Local local_of(const Medium& medium, size_t number);
   void add_instances(const Medium& medium, size_t number);
   static void find_extent(Local& local);

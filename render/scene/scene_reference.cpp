@@ -37,7 +37,7 @@ std::string scene_reference() {
       VolumeSettings{});
   reference.table(
       "[[instances]]",
-      "Places where a volume stands. One that is named here stands at these places only, not at its own; its grids are held once, however many there are (docs/instances.md). One of `matrices` and `file` is required.",
+      "Places where a volume stands. One that is named here stands at these places only, not at its own; its grids are held once, however many there are ([instances.md](instances.md)). One of `matrices` and `file` is required.",
       InstanceSettings{});
   reference.table("[[lights]]", "Lights of finite size or parallel light.", LightSettings{});
   reference.table("[[surfaces]]", "Solid things.", SurfaceSettings{});
