@@ -36,7 +36,7 @@ struct Filtered {
     const Plane one(frame.width(), frame.height(), 1.0f);
     const float power = signal == layer::direct ? 0.0f : 1.2f;
     RegressionInputs inputs = inputs_of(2, given, one, {});
-    ClampedHalves drawn_in = draw_outliers_in(inputs, power, 8, {});
+    ClampedHalves drawn_in = draw_outliers_in(inputs, power, 8, signal == layer::indirect, {});
     const HalfPair halves{std::move(drawn_in.a), std::move(drawn_in.b)};
     std::optional<HalfPair> over_frames;
     const std::vector<StoredPair> fits = cascade(inputs, {16, 2e-3, 1, power}, over_frames, {});
