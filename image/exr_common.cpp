@@ -112,7 +112,8 @@ bool is_deep(const Imf::Header& header) {
 }
 
 void fail_deep(const fs::path& path, const std::string& part) {
-  throw InputError(fmt::format("{}: {} holds deep pixels; expected flat ones, as brume flatten makes of them", path.string(), part));
+  throw InputError(
+      fmt::format("{}: {} holds deep pixels; expected flat ones, as brume flatten makes of them", path.string(), part));
 }
 
 void check_first_chunk(Imf::InputPart& part, const fs::path& path) {

@@ -184,8 +184,8 @@ struct RenderSettings {
   double majorant_scale = 1;
 };
 
-/// What a scene's text does not hold: volumes, instances and meshes of arrays, by their places in its lists, from 0, and the
-/// camera of a frame.
+/// What a scene's text does not hold: volumes, instances and meshes of arrays, by their places in its lists, from 0,
+/// and the camera of a frame.
 struct SceneArrays {
   struct Mesh {
     std::shared_ptr<const TriangleMesh> mesh;

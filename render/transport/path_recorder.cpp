@@ -14,9 +14,8 @@ void PathRecorder::collide(const SlotList& hits) {
     const bool first = p_.events[i] == 0;
     double tau = 0;
     for (const Medium& m : media_at(c_, w_.time[i]))
-      m.each_met(w_.ray[i], w_.end[i], [&](const Medium& one, size_t) {
-        tau += optical_depth(one, one.to_local(w_.ray[i]), w_.end[i]);
-      });
+      m.each_met(w_.ray[i], w_.end[i],
+                 [&](const Medium& one, size_t) { tau += optical_depth(one, one.to_local(w_.ray[i]), w_.end[i]); });
     (first ? r->flight_1 : r->flight_2) = static_cast<float>(-std::expm1(-tau));
     (first ? r->position_1 : r->position_2) = vec3(w_.ray[i].at(w_.end[i]) + c_.world_shift);
     r->flags += first ? 1.0f : w_.past[i].first_on_surface ? 0.0f : 2.0f;

@@ -18,7 +18,8 @@ Precision precision_for(const Medium& m) {
     if (!LaneGrid::fits(d->envelope)) return Precision::kDouble;
   }
   const Medium most = m.thickest();
-  const double longest_voxel = most.voxel_volume() / (most.voxel_size() * most.voxel_size());  // at least its longest edge
+  const double longest_voxel =
+      most.voxel_volume() / (most.voxel_size() * most.voxel_size());  // at least its longest edge
   const double free_path = 1 / (most.extinction_per_density() * most.maximum_density() * longest_voxel);
   return LaneGrid::fits(m.bricks()) && LaneGrid::resolves(m.bricks(), free_path) ? Precision::kLanes
                                                                                  : Precision::kDouble;
@@ -42,8 +43,8 @@ bool far_from_fields(const Medium& medium, const SceneMedia& media, const Lights
 /// Whether all there is lies in one still grid, but for still fields that emit.
 bool is_one_grid(const Plan& plan, const SceneMedia& media, const Lights& lights) {
   const auto& fields = media.emissions();
-  return plan.media.size() == 1 && plan.media[0] == Precision::kLanes && !plan.instances && !plan.chromatic && !plan.surfaces &&
-         !plan.moving_media && !plan.layers.records && lights.all_solid() &&
+  return plan.media.size() == 1 && plan.media[0] == Precision::kLanes && !plan.instances && !plan.chromatic &&
+         !plan.surfaces && !plan.moving_media && !plan.layers.records && lights.all_solid() &&
          std::all_of(fields.begin(), fields.end(), LaneEmission::fits);
 }
 

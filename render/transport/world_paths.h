@@ -33,8 +33,8 @@ struct WorldPaths {
     int32_t medium = kNoMedium, instance = 0;
   };
   std::array<Place, kPool> last_collision;  ///< of the path
-  std::array<double, kPool> time;   ///< in [0, 1] of the shutter
-  std::array<double, kPool> begin;  ///< ray parameter at which the local ray begins
+  std::array<double, kPool> time;           ///< in [0, 1] of the shutter
+  std::array<double, kPool> begin;          ///< ray parameter at which the local ray begins
 
   std::array<Ray, kPool> shadow;  ///< towards the light sample; not where Plan::one_grid
   std::array<double, kPool> shadow_end;
