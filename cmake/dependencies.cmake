@@ -14,6 +14,7 @@ endmacro()
 
 brume_package(TBB libtbb-dev)
 brume_package(OpenEXR libopenexr-dev)
+brume_package(OpenColorIO libopencolorio-dev)
 brume_package(glm libglm-dev)
 brume_package(hwy libhwy-dev)
 brume_package(Eigen3 libeigen3-dev)

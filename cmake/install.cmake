@@ -62,5 +62,5 @@ set(CPACK_DEBIAN_PACKAGE_SECTION graphics)
 set(CPACK_DEBIAN_PACKAGE_SHLIBDEPS ON)
 set(CPACK_DEBIAN_PACKAGE_RECOMMENDS python3-numpy)
 # For those who build against the library.
-set(CPACK_DEBIAN_PACKAGE_SUGGESTS "libtbb-dev, libopenexr-dev, libglm-dev, libfmt-dev, libhwy-dev, libdeflate-dev, libembree-dev, nlohmann-json3-dev")
+set(CPACK_DEBIAN_PACKAGE_SUGGESTS "libtbb-dev, libopenexr-dev, libopencolorio-dev, libglm-dev, libfmt-dev, libhwy-dev, libdeflate-dev, libembree-dev, nlohmann-json3-dev")
 include(CPack)

@@ -84,6 +84,29 @@ Picture to_picture(const std::array<const Plane*, 3>& rgb, double exposure, Tone
   return picture;
 }
 
+Picture to_picture(const std::array<const Plane*, 3>& rgb, double exposure, const Display& display) {
+  Picture picture(rgb[0]->width(), rgb[0]->height());
+  std::vector<float> row(3 * static_cast<size_t>(picture.width));
+  for (int y = 0; y < picture.height; ++y) {
+    std::vector<bool> finite(static_cast<size_t>(picture.width), true);
+    for (size_t i = 0; i < row.size(); ++i) {
+      const double v = (*rgb[i % 3])(static_cast<int>(i / 3), y) * exposure;
+      row[i] = static_cast<float>(v);
+      if (!std::isfinite(row[i])) {
+        row[i] = 0;
+        finite[i / 3] = false;
+      }
+    }
+    display.apply(row);
+    for (size_t x = 0; x < finite.size(); ++x) {
+      const auto code = [&](size_t c) { return static_cast<uint8_t>(255.0f * row[3 * x + c] + 0.5f); };
+      picture.set(static_cast<int>(x), y,
+                  finite[x] ? std::array{code(0), code(1), code(2)} : std::array<uint8_t, 3>{255, 0, 255});
+    }
+  }
+  return picture;
+}
+
 void write_png(const fs::path& path, const Picture& picture) {
   std::string bytes;
   const auto append = [](void* to, void* data, int size) {

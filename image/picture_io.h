@@ -6,6 +6,7 @@
 #include <vector>
 
 #include "base/progress.h"
+#include "image/display.h"
 #include "image/layers.h"
 
 namespace brume {
@@ -29,6 +30,9 @@ enum class Tone {
 
 /// Linear RGB times `exposure`, its tone, sRGB-encoded. Non-finite pixels become magenta: visible, not hidden.
 Picture to_picture(const std::array<const Plane*, 3>& rgb, double exposure = 1.0, Tone tone = Tone::kClip);
+
+/// Linear Rec. 709 times `exposure` on a display. Non-finite pixels become magenta.
+Picture to_picture(const std::array<const Plane*, 3>& rgb, double exposure, const Display& display);
 
 /// @throws InputError
 void write_png(const std::filesystem::path& path, const Picture& picture);

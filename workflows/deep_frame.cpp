@@ -171,7 +171,10 @@ void denoise_deep(const FrameFiles& files, const DenoiseOptions& options, const 
         path));
   std::vector<std::filesystem::path> inputs = {files.frame, files.guides};
   check_writable(files.output, inputs, ".exr");
-  if (!files.preview.empty()) check_writable(files.preview, inputs, ".png");
+  if (!files.preview.empty()) {
+    check_writable(files.preview, inputs, ".png");
+    options.picture.check();
+  }
   DeepPicture deep = read_deep_exr(files.frame, host.silent());
   for (const char* const colour : {"R", "G", "B"})
     if (!deep.find(colour))

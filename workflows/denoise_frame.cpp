@@ -259,6 +259,7 @@ class Denoiser {
     for (const fs::path& also : {options_.file.map, own.guides, own.second})
       if (!also.empty()) inputs.push_back(also);
     for (const FrameFiles& files : plan.others) inputs.push_back(files.frame);
+    if (!own.preview.empty()) options_.picture.check();
     for (size_t i = 0; i < plan.filters.size(); ++i) {
       check_writable(output_for(own.output, plan.filters, i), inputs, ".exr");
       if (!own.preview.empty()) check_writable(output_for(own.preview, plan.filters, i), inputs, ".png");

@@ -95,8 +95,28 @@ void PictureOptions::write(const std::filesystem::path& path, const Layers& fram
   }
   const PixelWindow shown = frame.data_window().common(frame.display_window());
   if (!shown.empty() && shown != frame.data_window()) colours = colours.cut(shown);
-  write_png(path,
-            to_picture(colours.rgb(layer::beauty), exposure_factor, tone == "filmic" ? Tone::kFilmic : Tone::kClip));
+  const std::optional<Display> screen = radiance ? chosen_display() : std::nullopt;
+  const RgbPlanes drawn = std::as_const(colours).rgb(layer::beauty);
+  write_png(path, screen ? to_picture(drawn, exposure_factor, *screen)
+                         : to_picture(drawn, exposure_factor, tone == "filmic" ? Tone::kFilmic : Tone::kClip));
+}
+
+std::optional<Display> PictureOptions::chosen_display() const {
+  DisplaySetting setting = display;
+  const char* const named = std::getenv("OCIO");
+  if (setting.config.empty() && tone.empty() && named) setting.config = named;
+  if (!setting.config.empty() && setting.config != "none") {
+    if (!tone.empty())
+      throw InputError(fmt::format("--tone {}: a view of {} has its own; expected one of --tone and --ocio", tone,
+                                   setting.config));
+    return Display(setting);
+  }
+  for (const auto& [option, value] : {std::pair("--display", &setting.display), {"--view", &setting.view},
+                                      {"--look", &setting.look}, {"--ocio-space", &setting.space}})
+    if (!value->empty())
+      throw InputError(fmt::format("{} {}: belongs to an OpenColorIO configuration, and none is named (--ocio, $OCIO)",
+                                   option, *value));
+  return std::nullopt;
 }
 
 Layers read_guide_outline(const std::string& path) {

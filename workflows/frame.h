@@ -6,6 +6,7 @@
 #include <vector>
 
 #include "base/progress.h"
+#include "image/display.h"
 #include "image/exr_io.h"
 #include "image/layers.h"
 #include "workflows/host.h"
@@ -63,8 +64,13 @@ double choose_exposure(const std::string& option, const Layers& frame);
 /// How a PNG is made of a frame.
 struct PictureOptions {
   std::string exposure = "header";  ///< as choose_exposure takes it
-  std::string tone = "clip";        ///< clip or filmic
+  std::string tone;                 ///< clip or filmic; empty: clip, unless $OCIO names a configuration
+  DisplaySetting display;           ///< a configuration "none" stands for none, whatever $OCIO says
 
+  /// For before anything is computed. @throws InputError where the display is none; a tone beside it
+  void check() const { chosen_display(); }
+  /// The display that shows pictures, if any. @throws InputError
+  std::optional<Display> chosen_display() const;
   /// What lies inside the display window, or everything where nothing does. @throws InputError
   void write(const std::filesystem::path& path, const Layers& frame) const {
     write(path, frame, frame.rgb(layer::beauty), choose_exposure(exposure, frame));

@@ -77,6 +77,7 @@ void check_outputs(const RenderOptions& o, const Scene& scene) {
   inputs.push_back(o.resume);
   for (const auto& [file, ending] : {std::pair(&o.output, ".exr"), {&o.preview, ".png"}, {&o.records, ".records"}})
     if (!file->empty()) check_writable(*file, inputs, ending);
+  if (!o.preview.empty()) o.picture.check();
   const auto same = [](const fs::path& a, const fs::path& b) {
     return !a.empty() && !b.empty() && fs::weakly_canonical(a) == fs::weakly_canonical(b);
   };

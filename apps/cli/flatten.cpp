@@ -2,6 +2,7 @@
 #include <memory>
 
 #include "apps/cli/command.h"
+#include "apps/cli/frame.h"
 #include "base/output_file.h"
 #include "image/exr_io.h"
 #include "workflows/deep_frame.h"
@@ -19,6 +20,7 @@ struct Options {
 int run(const Options& o, const Common& common) {
   const std::filesystem::path inputs[] = {o.deep};
   check_writable(o.output, inputs, ".exr");
+  if (!o.preview.empty()) o.picture.check();
   const Host host = make_host(common);
   const Layers flat = flattened_file(o.deep, o.before, host);
   write_exr(o.output, flat, host.silent());
@@ -37,6 +39,8 @@ void add_flatten(CLI::App& app, Common& common, Commands& commands) {
   command("-o,--output", o.output, "EXR to write")->required();
   command("--before", o.before, "only what is in front of this depth, as a holdout there leaves it [scene units]");
   command("--png", o.preview, "a PNG of it, too");
+  add_picture_options(command, o.picture,
+                      "of the PNG: number, header, or auto: the 99th luminance percentile becomes 1");
   commands[command] = [options, &common] { return run(*options, common); };
 }
 

@@ -24,7 +24,18 @@ void add_picture_options(const Verb& command, PictureOptions& options, const std
   command("--tone", options.tone,
           "of the PNG: clip what is brighter than white, or filmic, which bends it there softly")
       ->check(CLI::IsMember({"clip", "filmic"}))
-      ->capture_default_str();
+      ->default_str("clip");
+  add_display_options(command, options, "the PNG is shown");
+}
+
+void add_display_options(const Verb& command, PictureOptions& options, const std::string& shown) {
+  DisplaySetting& display = options.display;
+  command("--ocio", display.config,
+          fmt::format("OpenColorIO configuration through which {}, or none; else the one that $OCIO names, unless --tone is given", shown));
+  command("--display", display.display, "display of the configuration")->default_str("its own default");
+  command("--view", display.view, "view of that display")->default_str("its own default");
+  command("--look", display.look, "look in the place of the view's");
+  command("--ocio-space", display.space, "the configuration's name of linear Rec. 709")->default_str("found by itself");
 }
 
 }  // namespace brume::app

@@ -9,7 +9,10 @@ namespace brume::app {
 /// Accepts "header", "auto" or a number above 0.
 CLI::Validator exposure_validator();
 
-/// --exposure and --tone.
+/// --ocio and what belongs to it. @param shown  what is shown, "the PNG is shown"
+void add_display_options(const Verb& command, PictureOptions& options, const std::string& shown);
+
+/// --exposure, --tone and those.
 void add_picture_options(const Verb& command, PictureOptions& options, const std::string& exposure_help);
 
 }  // namespace brume::app

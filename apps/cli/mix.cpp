@@ -1,6 +1,7 @@
 #include <memory>
 
 #include "apps/cli/command.h"
+#include "apps/cli/frame.h"
 #include "base/error.h"
 #include "base/output_file.h"
 #include "base/text.h"
@@ -36,6 +37,7 @@ int run(const Options& o, const Common& common) {
   for (const std::string& colour : o.colours) add_to_mix(mix, colour);
   const std::filesystem::path inputs[] = {o.frame};
   check_writable(o.output, inputs, ".exr");
+  if (!o.preview.empty()) o.picture.check();
   const Host host = make_host(common);
   const Layers frame = read_frame(ExrFile(o.frame), host);
   Layers mixed;
@@ -62,6 +64,8 @@ void add_mix(CLI::App& app, Common& common, Commands& commands) {
   command("--colour,--color", o.colours, "colours that groups are multiplied by: fill=1,.8,.6 rim=.5,.5,1");
   command("-o,--output", o.output, "EXR to write")->required();
   command("--png", o.preview, "a PNG of it, too");
+  add_picture_options(command, o.picture,
+                      "of the PNG: number, header, or auto: the 99th luminance percentile becomes 1");
   command("--scene", o.scene, "the scene that was rendered");
   command("--save-scene", o.save_scene, "TOML to write: the same scene with its lights as they are mixed");
   commands[command] = [options, &common] { return run(*options, common); };

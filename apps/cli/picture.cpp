@@ -56,6 +56,7 @@ Shown show_layer(const Options& o, const Layers& frame) {
 int run(const Options& o, const Common& common) {
   const std::filesystem::path inputs[] = {o.input};
   check_writable(o.output, inputs, ".png");
+  o.picture.check();
   const Layers frame = read_frame(ExrFile(o.input), make_host(common));
   const Shown shown = show_layer(o, frame);
   if (const std::optional<Chromaticities> space = frame.chromaticities(); space && shown.radiance)

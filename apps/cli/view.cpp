@@ -6,6 +6,8 @@
 #include <thread>
 
 #include "apps/cli/command.h"
+#include "apps/cli/frame.h"
+#include "apps/view/display_cube.h"
 #include "apps/view/server.h"
 #include "base/command.h"
 #include "base/sequence.h"
@@ -16,6 +18,7 @@ namespace {
 struct Options {
   ViewOptions view;
   web::ServerOptions server;
+  PictureOptions picture;  // its display alone
   std::string frames;
   bool open = false;
 };
@@ -36,7 +39,9 @@ int run(const Options& o, const Common& common) {
         fmt::format("--host {}: whoever on the network learns the address can look at the scene, change what is shown "
                     "and make this machine compute; nothing is encrypted",
                     o.server.host));
-  const web::Server server(view, o.server, make_host(common));
+  web::ServerOptions serving = o.server;
+  if (const std::optional<Display> display = o.picture.chosen_display()) serving.display_cube = web::cube_of(*display);
+  const web::Server server(view, serving, make_host(common));
   print(server.address() + "\n");
   if (!print_now()) return kDone;  // nobody can learn the address; close_output says why
   if (const auto program = o.open ? find_program("xdg-open") : std::filesystem::path(); !program.empty())
@@ -62,6 +67,7 @@ void add_view(CLI::App& app, Common& common, Commands& commands) {
   command("-D", o.view.overrides, "set a key of the scene: -D camera.fov=30")->allow_extra_args(false);
   command("--clean-filter", o.view.clean_filter, "clean with this filter: NAME or NAME:parameter=value,...")
       ->capture_default_str();
+  add_display_options(command, o.picture, "the page shows pictures");
   command("--host", o.server.host,
           "address to listen on; any but the loopback lets others look who learn the page's address")
       ->capture_default_str();

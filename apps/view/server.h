@@ -10,6 +10,7 @@ struct ServerOptions {
   std::string host = "127.0.0.1";  ///< address to listen on
   uint16_t port = 0;               ///< 0: one that is free
   bool keep = false;               ///< go on rendering when the last page has been gone for a minute
+  std::string display_cube = {};   ///< through which the page shows pictures (cube_of); empty: its own curves
 };
 
 /// A page that shows a Viewer, over HTTP and a WebSocket. It answers only who knows the secret in its address, names

@@ -39,6 +39,7 @@ import {
   sliderValue,
   SLIDER_STEPS,
 } from "../src/view/field_info";
+import { DisplayCube } from "../src/view/display_cube";
 import { FrameCache } from "../src/view/frame_cache";
 import { colourRange, histogram, log2OfPositive, sampled } from "../src/view/histogram";
 import { History } from "../src/view/history";
@@ -451,4 +452,45 @@ test("the fields that a light's type uses come first, those fixed or unused unde
     of("sphere").main.map((f) => f.key),
     ["position", "radius"],
   );
+});
+
+test("a display's cube has the program's values at its nodes, and between them where it is linear", () => {
+  const side = 5;
+  // 0, 1/4, 1/2, 1, 2: the display shows a quarter of red, half of green and blue less an eighth of red.
+  const edge = [0, 0.25, 0.5, 1, 2];
+  const values: number[] = [];
+  for (const b of edge)
+    for (const g of edge) for (const r of edge) values.push(r / 4, g / 2, Math.max(0, b / 2 - r / 8));
+  const header = new TextEncoder().encode(JSON.stringify({ name: "sRGB, Filmic", side, lowest: -2, per_stop: 1 }));
+  const bytes = new Uint8Array(4 + header.length + 2 * values.length);
+  new DataView(bytes.buffer).setUint32(0, header.length, true);
+  bytes.set(header, 4);
+  const codes = Uint16Array.from(values, (v) => Math.round(65535 * v));
+  bytes.set(new Uint8Array(codes.buffer), 4 + header.length);
+  const cube = DisplayCube.decode(bytes.buffer);
+  assert.equal(cube.name, "sRGB, Filmic");
+  assert.throws(() => DisplayCube.decode(bytes.buffer.slice(0, -2)), /5 nodes cannot have 374 values/);
+
+  const shown = (rgb: number[], exposure = 1) => {
+    const out = new Uint8ClampedArray(4);
+    const half = (v: number) => (Number.isNaN(v) ? 0x7e00 : v === Infinity ? 0x7c00 : toHalf(v));
+    cube.colour(Uint16Array.from(rgb, half), exposure, out);
+    return [...out];
+  };
+  const expected = (r: number, g: number, b: number) => [
+    ...[r / 4, g / 2, b / 2 - r / 8].map((v) => Math.round(255 * Math.min(1, Math.max(0, v)))),
+    255,
+  ];
+  assert.deepEqual(shown([1, 0.5, 2]), expected(1, 0.5, 2));
+  assert.deepEqual(shown([0.5, 0.25, 1], 2), expected(1, 0.5, 2));
+  assert.deepEqual(shown([0.125, 0.0625, 0.1875]), expected(0.125, 0.0625, 0.1875)); // in the first, linear cell
+  assert.deepEqual(shown([5, 9, 7]), expected(2, 2, 2)); // beyond the last node
+  assert.deepEqual(shown([-1, 0, 0]), [0, 0, 0, 255]);
+  assert.deepEqual(shown([1, NaN, 1]), [255, 0, 255, 255]);
+  assert.deepEqual(shown([1, Infinity, 1]), [255, 0, 255, 255]);
+  // All six orders of the places in a cell: what is a sum of the channels is interpolated exactly.
+  for (const [r, g, b] of [[1, 2, 3], [1, 3, 2], [2, 1, 3], [2, 3, 1], [3, 1, 2], [3, 2, 1], [2, 2, 1], [1, 2, 2]] as const) {
+    const [x, y, z] = [r, g, b].map((v) => v / 16) as [number, number, number];
+    assert.deepEqual(shown([x, y, z]), expected(x, y, z));
+  }
 });

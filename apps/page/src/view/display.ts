@@ -1,12 +1,14 @@
 // How a layer's pixels get their colours.
-import { EMBER, type Tone } from "../color";
+import { EMBER } from "../color";
 import { tableOfHalf } from "../half";
 import { colourPicture, Picture } from "../picture";
+import type { DisplayCube } from "./display_cube";
 import { colourRange, sampled } from "./histogram";
 import type { LayerPicture } from "./protocol";
+import type { ViewTone } from "./settings";
 
 export interface Colours {
-  tone: Tone;
+  tone: ViewTone;
   /** Beside the scene's own exposure. */
   stops: number;
 }
@@ -25,7 +27,8 @@ export class Drawn {
     this.range = picture.channels === 1 ? colourRange(picture.layer, this.values) : [0, 1];
   }
 
-  with({ tone, stops }: Colours): HTMLCanvasElement {
+  /** @param cube  of the tone "display" */
+  with({ tone, stops }: Colours, cube?: DisplayCube): HTMLCanvasElement {
     const { width, height, channels, half, exposure } = this.picture;
     const look = channels === 1 ? "false colours" : `${tone} ${stops}`;
     if (look === this.look) return this.canvas;
@@ -35,7 +38,8 @@ export class Drawn {
     const context = this.canvas.getContext("2d")!;
     const image = context.createImageData(width, height);
     if (channels === 1) colourValues(half, this.range, image.data);
-    else colourPicture(new Picture(width, height, half), tone, exposure * 2 ** stops, image.data);
+    else if (tone !== "display") colourPicture(new Picture(width, height, half), tone, exposure * 2 ** stops, image.data);
+    else cube?.colour(half, exposure * 2 ** stops, image.data);
     context.putImageData(image, 0, 0);
     return this.canvas;
   }

@@ -1,5 +1,4 @@
 // Every key and what it does: the help overlay is made from this list.
-import { TONES } from "../color";
 import type { PrintedKeys } from "../help";
 import { addLamp, focusAt, frameBounds, moveByKey, resetCamera, toggleSunTool, turnSun } from "./actions";
 import { dolly, orbit, pan, seenFrom, zoom } from "./camera";
@@ -89,7 +88,7 @@ export const BINDINGS: { group: string; bindings: Binding[] }[] = [
       {
         keys: ["t"],
         what: "next tone curve",
-        run: (v) => v.set({ tone: TONES[(TONES.indexOf(v.settings.tone) + 1) % TONES.length]! }),
+        run: (v) => v.set({ tone: v.tones[(v.tones.findIndex((t) => t.value === v.tone) + 1) % v.tones.length]!.value }),
       },
       { keys: ["v"], what: "next layer", run: nextLayer },
       { keys: ["p"], what: "show or hide the panels", run: (v) => v.set({ panels: !v.settings.panels }) },

@@ -1,7 +1,6 @@
 // The panels at the side: the picture, and every table of the scene.
 import type { ComponentChildren } from "preact";
 import { useId } from "preact/hooks";
-import { TONE_NAMES, TONES } from "../color";
 import { Choice, Select } from "../controls";
 import { stops as stopsText } from "../format";
 import { chosenSun, frameBounds, isAdded, resetCamera, suns } from "./actions";
@@ -238,8 +237,8 @@ function PicturePanel() {
           <span class="name">tone curve</span>
           <Select
             label="Tone curve"
-            value={settings.tone}
-            values={TONES.map((tone) => ({ value: tone, text: TONE_NAMES[tone] }))}
+            value={viewer.tone}
+            values={viewer.tones}
             onChange={(tone) => viewer.set({ tone })}
           />
         </div>

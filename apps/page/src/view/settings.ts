@@ -2,13 +2,16 @@
 import { TONES, type Tone } from "../color";
 import { NONE, type Assignments, type Value } from "./assignments";
 
+/** "display": that of the program's OpenColorIO configuration, where it has one, else sRGB. */
+export type ViewTone = Tone | "display";
+
 export interface Settings {
   /** The layer shown, and the one right of the divider; empty: none. */
   layer: string;
   other: string;
   /** The divider's place, 0 to 1 of the picture's width. */
   split: number;
-  tone: Tone;
+  tone: ViewTone;
   /** Exposure beside the scene's own. */
   stops: number;
   /** Picture pixels for each device pixel; 0: one, but at most WIDEST columns. */
@@ -27,7 +30,7 @@ export const DEFAULTS: Settings = {
   layer: "picture",
   other: "",
   split: 0.5,
-  tone: "srgb",
+  tone: "display",
   stops: 0,
   resolution: 0,
   panels: true,
@@ -46,7 +49,7 @@ export function restore(): { settings: Settings; assignments: Assignments } {
   try {
     const kept = JSON.parse(sessionStorage.getItem(place()) ?? "") as Kept;
     const settings = { ...DEFAULTS, ...kept.settings };
-    if (!TONES.includes(settings.tone)) settings.tone = DEFAULTS.tone;
+    if (settings.tone !== "display" && !TONES.includes(settings.tone)) settings.tone = DEFAULTS.tone;
     return { settings, assignments: new Map(kept.assignments) };
   } catch {
     return { settings: DEFAULTS, assignments: NONE };

@@ -143,7 +143,7 @@ export function paint(context: CanvasRenderingContext2D, rect: Rect, viewer: Vie
   layers.forEach((name, i) => {
     const drawn = viewer.shown(name);
     if (!drawn) return;
-    const source = drawn.with(settings);
+    const source = drawn.with({ tone: viewer.tone, stops: settings.stops }, viewer.screen);
     context.save();
     context.beginPath();
     context.rect(rect.left + (i ? middle : 0), rect.top, i ? rect.width - middle : middle, rect.height);

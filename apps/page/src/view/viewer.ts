@@ -2,7 +2,9 @@
 import { asSet, assigned, dropped, NONE, type Assignments, type Value } from "./assignments";
 import { roundedCamera, type Bounds, type Camera } from "./camera";
 import { Connection } from "./connection";
+import { TONE_NAMES, TONES } from "../color";
 import { Drawn } from "./display";
+import { DisplayCube } from "./display_cube";
 import { FrameCache } from "./frame_cache";
 import { History } from "./history";
 import {
@@ -16,7 +18,7 @@ import {
 } from "./protocol";
 import { SceneValues } from "./scene_values";
 import { unitText } from "./field_info";
-import { keep, pictureSize, restore, type Settings } from "./settings";
+import { keep, pictureSize, restore, type Settings, type ViewTone } from "./settings";
 import { Topic } from "./topic";
 import type { Vec3 } from "./vector";
 
@@ -48,6 +50,8 @@ export class Viewer {
   /** A short message about what has just been done. */
   said = "";
   pictures = new Map<string, Drawn>();
+  /** Through which the program's options say that pictures are shown. */
+  screen: DisplayCube | undefined;
 
   private readonly connection: Connection;
   private readonly cache = new FrameCache();
@@ -80,6 +84,28 @@ export class Viewer {
       binary: (message) => this.show(decodePicture(message)),
       changed: () => this.changed.emit(),
     });
+    void this.readScreen();
+  }
+
+  private async readScreen(): Promise<void> {
+    // A program that cannot be reached is told by the connection.
+    const answer = await fetch(new URL("display.cube", location.href), { cache: "no-store" }).catch(() => undefined);
+    if (answer?.status !== 200) return;
+    try {
+      this.screen = DisplayCube.decode(await answer.arrayBuffer());
+      this.changed.emit();
+    } catch (problem) {
+      this.say(`pictures are shown in sRGB: ${problem instanceof Error ? problem.message : String(problem)}`);
+    }
+  }
+
+  /** How pictures are shown. */
+  get tone(): ViewTone {
+    return this.settings.tone === "display" && !this.screen ? "srgb" : this.settings.tone;
+  }
+  get tones(): { value: ViewTone; text: string }[] {
+    const curves = TONES.map((value) => ({ value, text: TONE_NAMES[value] }));
+    return this.screen ? [{ value: "display", text: this.screen.name }, ...curves] : curves;
   }
 
   get link() {
