@@ -14,7 +14,6 @@ endmacro()
 
 brume_package(TBB libtbb-dev)
 brume_package(OpenEXR libopenexr-dev)
-brume_package(OpenColorIO libopencolorio-dev)
 brume_package(glm libglm-dev)
 brume_package(hwy libhwy-dev)
 brume_package(Eigen3 libeigen3-dev)
@@ -44,6 +43,13 @@ find_path(DEFLATE_INCLUDE_DIR libdeflate.h)
 find_library(DEFLATE_LIBRARY deflate)
 if(NOT DEFLATE_INCLUDE_DIR OR NOT DEFLATE_LIBRARY)
   brume_missing(libdeflate libdeflate-dev)
+endif()
+
+# Debian 12 puts its configuration for CMake where CMake does not look.
+find_path(OPENCOLORIO_INCLUDE_DIR OpenColorIO/OpenColorIO.h)
+find_library(OPENCOLORIO_LIBRARY OpenColorIO)
+if(NOT OPENCOLORIO_INCLUDE_DIR OR NOT OPENCOLORIO_LIBRARY)
+  brume_missing(OpenColorIO libopencolorio-dev)
 endif()
 
 # Debian's FindOpenVDB pulls in every optional component; the loader needs the library and its headers only.

@@ -17,9 +17,14 @@ namespace ocio = OCIO_NAMESPACE;
 namespace {
 
 /// Linear Rec. 709 in configurations of ACES 1.3 and later, Blender, older ACES, OpenColorIO's own examples and Maya.
-constexpr std::array kRec709Names = {"Linear Rec.709 (sRGB)", "lin_rec709_scene", "lin_rec709",
-                                     "Linear Rec.709",        "lin_srgb",         "Utility - Linear - sRGB",
-                                     "Utility - Linear - Rec.709", "scene-linear Rec.709-sRGB"};
+constexpr std::array kRec709Names = {"Linear Rec.709 (sRGB)",
+                                     "lin_rec709_scene",
+                                     "lin_rec709",
+                                     "Linear Rec.709",
+                                     "lin_srgb",
+                                     "Utility - Linear - sRGB",
+                                     "Utility - Linear - Rec.709",
+                                     "scene-linear Rec.709-sRGB"};
 /// A role of OpenColorIO 2: the space of the configuration that is ACES 2065-1.
 constexpr const char* kAcesRole = "aces_interchange";
 
@@ -49,8 +54,9 @@ class Chooser {
     const std::string chosen = setting_.display.empty() ? config_->getDefaultDisplay() : setting_.display;
     for (int i = 0; i < config_->getNumDisplaysAll(); ++i)
       if (lower(config_->getDisplayAll(i)) == lower(chosen)) return config_->getDisplayAll(i);
-    throw InputError(fmt::format("{}: has no display '{}'; it has: {} (--display)", setting_.config, chosen,
-                                 names(config_->getNumDisplaysAll(), [&](int i) { return config_->getDisplayAll(i); })));
+    throw InputError(
+        fmt::format("{}: has no display '{}'; it has: {} (--display)", setting_.config, chosen,
+                    names(config_->getNumDisplaysAll(), [&](int i) { return config_->getDisplayAll(i); })));
   }
 
   std::string view(const std::string& display) const {
@@ -67,9 +73,9 @@ class Chooser {
       if (look.empty()) continue;
       if (look[0] == '+' || look[0] == '-') look.erase(0, 1);
       if (!config_->getLook(look.c_str()))
-        throw InputError(fmt::format(
-            "{}: has no look '{}'; it has: {} (--look)", setting_.config, look,
-            names(config_->getNumLooks(), [&](int i) { return config_->getLookNameByIndex(i); })));
+        throw InputError(
+            fmt::format("{}: has no look '{}'; it has: {} (--look)", setting_.config, look,
+                        names(config_->getNumLooks(), [&](int i) { return config_->getLookNameByIndex(i); })));
     }
   }
 
@@ -150,7 +156,9 @@ Display::Display(DisplaySetting setting) : impl_(std::make_unique<Impl>()) {
 Display::~Display() = default;
 Display::Display(Display&&) noexcept = default;
 
-const DisplaySetting& Display::setting() const { return impl_->setting; }
+const DisplaySetting& Display::setting() const {
+  return impl_->setting;
+}
 
 void Display::apply(std::span<float> rgb) const {
   ocio::PackedImageDesc picture(rgb.data(), static_cast<long>(rgb.size() / 3), 1, 3);

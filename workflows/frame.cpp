@@ -107,12 +107,14 @@ std::optional<Display> PictureOptions::chosen_display() const {
   if (setting.config.empty() && tone.empty() && named) setting.config = named;
   if (!setting.config.empty() && setting.config != "none") {
     if (!tone.empty())
-      throw InputError(fmt::format("--tone {}: a view of {} has its own; expected one of --tone and --ocio", tone,
-                                   setting.config));
+      throw InputError(
+          fmt::format("--tone {}: a view of {} has its own; expected one of --tone and --ocio", tone, setting.config));
     return Display(setting);
   }
-  for (const auto& [option, value] : {std::pair("--display", &setting.display), {"--view", &setting.view},
-                                      {"--look", &setting.look}, {"--ocio-space", &setting.space}})
+  for (const auto& [option, value] : {std::pair("--display", &setting.display),
+                                      {"--view", &setting.view},
+                                      {"--look", &setting.look},
+                                      {"--ocio-space", &setting.space}})
     if (!value->empty())
       throw InputError(fmt::format("{} {}: belongs to an OpenColorIO configuration, and none is named (--ocio, $OCIO)",
                                    option, *value));

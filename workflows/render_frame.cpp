@@ -16,6 +16,7 @@
 #include "workflows/clean.h"
 #include "workflows/deep_frame.h"
 #include "workflows/finished_frame.h"
+#include "workflows/motion.h"
 #include "workflows/scene.h"
 #include "workflows/version.h"
 
@@ -112,6 +113,7 @@ struct Setup {
   std::optional<Cleaner> cleaner;
   bool open_ended;           // by time or error
   bool drop_guides = false;  // which are made for the deep picture alone
+  std::optional<MotionScenes> motion;
 
   /// Whether samples go in rounds where the clean picture needs them.
   bool in_rounds() const { return options.time_limit > 0 || options.target_error > 0; }
@@ -128,7 +130,7 @@ struct Setup {
     scene.render.seed = o.seed.value_or(scene.render.seed);
     layers.records = !o.records.empty();
     if (!o.clean_filter.empty()) set_cleaner();
-    if (!o.deep.empty() || layers.depths) set_deep();
+    if (!o.deep.empty() || layers.depths || layers.motion) set_deep();
     set_job();
   }
 
@@ -146,7 +148,7 @@ struct Setup {
   void set_deep() {
     if (options.part)
       throw InputError(
-          "a part has not all samples of the picture; expected --deep and the layers depths without --part");
+          "a part has not all samples of the picture; expected --deep and the layers depths and motion without --part");
     drop_guides = !cleaner && !layers.guides;
     layers.guides = true;
     job.deep_samples = options.deep_samples;
@@ -320,11 +322,35 @@ double mean_samples(const Film& film) {
   return taken / pixels;
 }
 
+/// The scene a frame earlier or later; the same where that cannot be read.
+Scene neighbour(const Setup& s, int by) {
+  const int frame = s.scene.render.frame + by;
+  if (frame < 0) return s.scene;
+  RenderOptions options = s.options;
+  if (!options.sequence.empty()) options.scene = options.sequence;
+  options.save_scene.clear();
+  options.overrides.push_back(fmt::format("render.frame={}", frame));
+  try {
+    Host silent;  // what is assumed has been told
+    silent.threads = s.host.threads;
+    silent.cancel = s.host.cancel;
+    return scene_of(options, silent);
+  } catch (const InputError& error) {
+    s.host.say(
+        Host::Word::kWarning,
+        fmt::format("the layer motion: camera and objects stand still towards frame {}: {}", frame, error.what()));
+    return s.scene;
+  }
+}
+
 /// What the march of guides tells of depths: layers, and a deep picture, whose alpha the frame gets. The frame loses
 /// the guides that nobody asked for.
-void use_depths(const Setup& s, const DeepRecord& parts, Layers& frame) {
+void use_depths(Setup& s, const DeepRecord& parts, Layers& frame) {
   using Type = DeepPicture::Channel::Type;
   if (s.layers.depths) add_depths(parts, s.scene.render, frame);
+  if (s.motion)
+    add_motion(
+        parts, *std::move(s.motion), frame, [&](const std::string& text) { s.host.note(text); }, s.host.task("motion"));
   if (!s.options.deep.empty())
     write_deep_exr(s.options.deep, deep_frame(parts, frame, s.options.deep_float ? Type::kFloat : Type::kHalf),
                    s.host.silent());
@@ -370,6 +396,7 @@ RenderedFrame render_frame(const RenderOptions& options, const Host& host) {
   rendered.end = FrameEnd::kSkipped;
   if (options.skip_complete && !resume_frame(s)) return rendered;
   Ready prepared(s);
+  if (s.layers.motion) s.motion = MotionScenes{s.scene, neighbour(s, -1), neighbour(s, 1)};
   for (VolumeSettings& volume : s.scene.volumes) volume.grids.reset();
   std::unique_ptr<RenderWatcher> watcher;
   if (options.watch) {
@@ -419,6 +446,7 @@ SequenceEnd render_sequence(const RenderOptions& options, const std::vector<int>
   return each_frame(frames, host, [&](int frame) {
     RenderOptions own = of_frame(options, frame);
     own.scene = file_of_frame(options.scene, frame);
+    own.sequence = options.scene;
     if (made) {
       own.save_scene.clear();
       if (!fs::exists(own.scene)) throw InputError(fmt::format("{}: no such file", own.scene.string()));

@@ -45,10 +45,11 @@ struct RenderOptions {
   struct Part {
     int number, parts;  ///< from 1 on
   };
-  std::optional<Part> part;  ///< a share of the samples, to be merged with the others
-  std::string crop;          ///< "x0,y0,x1,y1", the last two exclusive; empty: the whole picture
-  double time_limit = 0;     ///< RenderJob::time_limit
-  double target_error = 0;   ///< relative error at which to stop, of the clean picture where one is made; 0: none
+  std::filesystem::path sequence;  ///< the pattern of which `scene` is a frame, where it is one
+  std::optional<Part> part;        ///< a share of the samples, to be merged with the others
+  std::string crop;                ///< "x0,y0,x1,y1", the last two exclusive; empty: the whole picture
+  double time_limit = 0;           ///< RenderJob::time_limit
+  double target_error = 0;         ///< relative error at which to stop, of the clean picture where one is made; 0: none
   std::filesystem::path output, preview, records, checkpoint, resume;  ///< empty: none
   std::filesystem::path deep;  ///< deep EXR of the picture, clean where a filter cleans it; empty: none
   int deep_samples = 16;       ///< that it has of each pixel, at most

@@ -30,8 +30,11 @@ void add_picture_options(const Verb& command, PictureOptions& options, const std
 
 void add_display_options(const Verb& command, PictureOptions& options, const std::string& shown) {
   DisplaySetting& display = options.display;
-  command("--ocio", display.config,
-          fmt::format("OpenColorIO configuration through which {}, or none; else the one that $OCIO names, unless --tone is given", shown));
+  command(
+      "--ocio", display.config,
+      fmt::format(
+          "OpenColorIO configuration through which {}, or none; else the one that $OCIO names, unless --tone is given",
+          shown));
   command("--display", display.display, "display of the configuration")->default_str("its own default");
   command("--view", display.view, "view of that display")->default_str("its own default");
   command("--look", display.look, "look in the place of the view's");

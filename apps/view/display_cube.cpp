@@ -24,11 +24,12 @@ std::string cube_of(const Display& display) {
   std::vector<uint16_t> values;
   for (const float v : rgb) values.push_back(static_cast<uint16_t>(std::lround(65535 * v)));
   const DisplaySetting& chosen = display.setting();
-  std::string header = nlohmann::json{{"name", chosen.display + ", " + chosen.view},
-                                      {"side", kSide},
-                                      {"lowest", kLowest},
-                                      {"per_stop", kPerStop}}
-                           .dump();
+  std::string header = nlohmann::json{
+      {"name", chosen.display + ", " + chosen.view},
+      {"side", kSide},
+      {"lowest", kLowest},
+      {"per_stop",
+       kPerStop}}.dump();
   const auto length = static_cast<uint32_t>(header.size());
   std::string bytes(sizeof length + header.size() + 2 * values.size(), '\0');
   std::memcpy(bytes.data(), &length, sizeof length);

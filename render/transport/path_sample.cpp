@@ -14,7 +14,7 @@ namespace brume {
 
 namespace {
 
-constexpr const char *kGuides = "guides", *kDepths = "depths", *kLightParts = "light_parts";
+constexpr const char *kGuides = "guides", *kDepths = "depths", *kMotion = "motion", *kLightParts = "light_parts";
 
 }
 
@@ -61,11 +61,12 @@ LayerRequest LayerRequest::of(const std::vector<std::string>& names, bool statis
   LayerRequest request{{}, statistics, buckets};
   if (names == std::vector<std::string>{"all"}) {
     request.names = known;
-    request.guides = request.depths = request.light_parts = true;
+    request.guides = request.depths = request.motion = request.light_parts = true;
     return request;
   }
   known.emplace_back(kGuides);
   known.emplace_back(kDepths);
+  known.emplace_back(kMotion);
   known.emplace_back(kLightParts);
   for (const std::string& name : names) {
     if (name.starts_with(kLightPrefix)) {
@@ -78,6 +79,8 @@ LayerRequest LayerRequest::of(const std::vector<std::string>& names, bool statis
       request.guides = true;
     else if (name == kDepths)
       request.depths = true;
+    else if (name == kMotion)
+      request.motion = true;
     else if (name == kLightParts)
       request.light_parts = true;
     else
@@ -90,6 +93,7 @@ std::vector<std::string> LayerRequest::text() const {
   std::vector<std::string> all = names;
   if (guides) all.emplace_back(kGuides);
   if (depths) all.emplace_back(kDepths);
+  if (motion) all.emplace_back(kMotion);
   if (light_parts) all.emplace_back(kLightParts);
   for (const std::string& group : light_groups) all.push_back(light_layer(group));
   return all;

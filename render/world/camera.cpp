@@ -170,6 +170,25 @@ dvec2 Camera::film_point(const dvec2& film) const {
   return {(2.0 * film.x / width_ - 1.0 - shift_.x) * half_.x, (1.0 - 2.0 * film.y / height_ - shift_.y) * half_.y};
 }
 
+dvec2 Camera::film_of_point(const dvec2& point) const {
+  return {0.5 * width_ * (point.x / half_.x + 1 + shift_.x), 0.5 * height_ * (1 - shift_.y - point.y / half_.y)};
+}
+
+std::optional<dvec2> Camera::film_of(const dvec3& p, double time) const {
+  const Pose pose = at(time);
+  const dvec3 from = p - (pose.position - world_shift_);
+  const double ahead = orthographic_ ? 1 : glm::dot(from, pose.forward);
+  if (!(ahead > 0)) return std::nullopt;
+  return film_of_point(dvec2(glm::dot(from, pose.right), glm::dot(from, pose.up)) / ahead);
+}
+
+std::optional<dvec2> Camera::film_of_direction(const dvec3& d, double time) const {
+  const Pose pose = at(time);
+  const double ahead = glm::dot(d, pose.forward);
+  if (orthographic_ || !(ahead > 0)) return std::nullopt;
+  return film_of_point(dvec2(glm::dot(d, pose.right), glm::dot(d, pose.up)) / ahead);
+}
+
 Ray Camera::ray(const dvec2& film, const dvec2& lens, double time) const {
   const dvec2 point = film_point(film);
   const double x = point.x, y = point.y;

@@ -32,6 +32,11 @@ class Camera {
     const Pose pose = at(time);
     return glm::dot(p - (pose.position - world_shift_), pose.forward);
   }
+  /// The film point [px] at which a point is seen through the middle of the lens; nothing for one that is not ahead.
+  /// @param time  in [0, 1] of the shutter
+  std::optional<dvec2> film_of(const dvec3& p, double time) const;
+  /// The same of what is infinitely far away in a direction; nothing for an orthographic camera.
+  std::optional<dvec2> film_of_direction(const dvec3& d, double time) const;
   /// In world coordinates. @param time  in [0, 1] of the shutter
   dvec3 position(double time) const { return at(time).position; }
 
@@ -51,6 +56,7 @@ class Camera {
   static Pose pose(const dvec3& position, const dvec3& look_at, const dvec3& up);
   Pose at(double time) const;
   dvec2 film_point(const dvec2& film) const;  // coordinates along right and up
+  dvec2 film_of_point(const dvec2& point) const;
   dvec2 lens_point(const dvec2& u) const;
 
   Pose open_;

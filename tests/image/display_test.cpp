@@ -116,7 +116,8 @@ TEST_F(Displays, PicturesAreTheViewOfEachPixel) {
     for (int x = 0; x < 3; ++x) (*planes[c])(x, 1) = 0.1f * static_cast<float>(c + 1) * static_cast<float>(x + 1);
   (*planes[1])(0, 0) = std::numeric_limits<float>::quiet_NaN();
   (*planes[2])(1, 0) = std::numeric_limits<float>::infinity();
-  const Picture picture = to_picture(std::as_const(frame).rgb(layer::beauty), 2, Display(setting(configuration("lin_rec709", ""))));
+  const Picture picture =
+      to_picture(std::as_const(frame).rgb(layer::beauty), 2, Display(setting(configuration("lin_rec709", ""))));
   for (int x = 0; x < 3; ++x)
     for (int c = 0; c < 3; ++c)
       EXPECT_EQ(picture.rgb[static_cast<size_t>(3 * (3 + x) + c)],
@@ -145,7 +146,8 @@ TEST_F(Displays, WhatIsNotThereIsNamedWithWhatIs) {
   asked = good;
   asked.space = "sRGB";
   expect(error(asked), "has no colour space 'sRGB'; it has: lin_rec709, gamma (--ocio-space)");
-  expect(error(setting(configuration("studio", ""))), "lacks the role aces_interchange; say which it is (--ocio-space): studio, gamma");
+  expect(error(setting(configuration("studio", ""))),
+         "lacks the role aces_interchange; say which it is (--ocio-space): studio, gamma");
   expect(error(setting("film: noir\n")), "not an OpenColorIO configuration");
   expect(error({.config = (folder_ / "gone.ocio").string()}), "gone.ocio");
   std::string text = configuration("lin_rec709", "") + R"(  - !<ColorSpace>
