@@ -38,8 +38,24 @@ std::string plain(const std::string& name) {
   return text;
 }
 
+/// "density" and 1 of "density_level_1".
+std::optional<std::pair<std::string, int>> split_level(const std::string& name) {
+  constexpr std::string_view kLevel = "_level_";
+  constexpr size_t kMostDigits = 3;
+  const size_t at = name.rfind(kLevel), digits = at + kLevel.size();
+  if (at == std::string::npos || at == 0 || digits == name.size() || name.size() > digits + kMostDigits ||
+      !std::all_of(name.begin() + static_cast<std::ptrdiff_t>(digits), name.end(),
+                   [](unsigned char c) { return std::isdigit(c) != 0; }))
+    return std::nullopt;
+  return std::pair(name.substr(0, at), std::stoi(name.substr(digits)));
+}
+
+bool has_grid(const std::vector<GridEntry>& grids, const std::string& name) {
+  return std::any_of(grids.begin(), grids.end(), [&](const GridEntry& grid) { return grid.name == name; });
+}
+
 bool is_scalar(const GridEntry& grid) {
-  return grid.type == "float" || grid.type == "double";
+  return grid.type == "float" || grid.type == "double" || grid.type == "half";
 }
 
 /// Masks and whole numbers can be a density, too.
@@ -158,14 +174,32 @@ std::string grids_text(const std::vector<GridEntry>& grids) {
   return texts.empty() ? "none" : join(texts);
 }
 
-const GridEntry* usual_grid(const std::vector<GridEntry>& grids, GridUse use, std::vector<std::string>& notes) {
+std::optional<GridLevel> level_of(const std::vector<GridEntry>& grids, const std::string& name) {
+  const auto level = split_level(name);
+  if (!level || level->second == 0) return std::nullopt;
+  for (const std::string& finest : {level->first, level->first + "_level_0"})
+    if (has_grid(grids, finest)) return GridLevel{finest, level->second};
+  return std::nullopt;
+}
+
+const GridEntry* usual_grid(const std::vector<GridEntry>& all, GridUse use, std::vector<std::string>& notes) {
+  // The finest levels, under the names that they would have alone.
+  std::vector<GridEntry> grids;
+  std::vector<const GridEntry*> originals;
+  for (const GridEntry& grid : all) {
+    if (level_of(all, grid.name)) continue;
+    const auto level = split_level(grid.name);
+    originals.push_back(&grid);
+    grids.push_back(grid);
+    if (level && level->second == 0 && !has_grid(all, level->first)) grids.back().name = level->first;
+  }
   const GridEntry* found = of_usual_name(grids, use, /*of_kind=*/true, notes);
   if (!found && use == GridUse::kDensity) found = density_by_exclusion(grids, notes);
   if (!found) found = of_usual_name(grids, use, /*of_kind=*/false, notes);  // whose type is then refused
   const std::string& usual = usual_grid_names(use).front();
   if (found && use == GridUse::kDensity && grid_name_alone(found->name) != usual)
     notes.push_back(fmt::format("no grid '{}'; {} is used", usual, grid_text(found->name)));
-  return found;
+  return found ? originals[static_cast<size_t>(found - grids.data())] : nullptr;
 }
 
 const GridEntry* named_grid(const std::vector<GridEntry>& grids, const std::string& name,
@@ -174,8 +208,11 @@ const GridEntry* named_grid(const std::vector<GridEntry>& grids, const std::stri
     if (grid.name == name) return &grid;
   const std::string alone = grid_name_alone(name);
   const auto same = those(grids, [&](const GridEntry& g) { return grid_name_alone(g.name) == alone; });
-  if (name == alone) return first_of(same, notes);
-  return same.size() == 1 && name == alone + "[0]" ? same[0] : nullptr;
+  if (name == alone && !same.empty()) return first_of(same, notes);
+  if (same.size() == 1 && name == alone + "[0]") return same[0];
+  for (const GridEntry& grid : grids)
+    if (grid.name == name + "_level_0") return &grid;
+  return nullptr;
 }
 
 }  // namespace brume

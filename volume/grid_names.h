@@ -1,5 +1,6 @@
 #pragma once
 #include <cstdint>
+#include <optional>
 #include <string>
 #include <vector>
 
@@ -22,6 +23,14 @@ const std::vector<std::string>& usual_grid_names(GridUse use);
 /// The name without the number that tells grids of one name apart.
 std::string grid_name_alone(const std::string& name);
 
+/// A coarser level of detail of another grid of its file, as "density_level_1" is of "density" or "density_level_0": it
+/// is no field of its own.
+struct GridLevel {
+  std::string of;  ///< the finest one's name
+  int level;       ///< 1 and more
+};
+std::optional<GridLevel> level_of(const std::vector<GridEntry>& grids, const std::string& name);
+
 /// "grid 'soot'", "the grid [0], which has no name".
 std::string grid_text(const std::string& name);
 
@@ -30,7 +39,7 @@ std::string grids_text(const std::vector<GridEntry>& grids);
 
 /// The grid that is meant where none is named: the first of the usual names. For a density also the one grid whose name
 /// holds "density", a file's only scalar grid whatever its name, or the only one that is not known to be something
-/// else.
+/// else. Coarser levels of detail are none of these.
 /// @param notes  told what is not plain
 /// @return null where there is none
 /// @throws InputError, without the file's name, where several could be the density

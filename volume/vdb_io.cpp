@@ -176,11 +176,15 @@ VectorField load_colour(const fs::path& path, const std::string& grid, const Tas
   return ask<VectorField>(request, task);
 }
 
-Displacement load_displacement(const fs::path& path, const std::string& grid, const ScalarField& density, double scale,
-                               double open_time, double close_time, std::vector<std::string>& notes, const Task& task) {
+StoredVelocity load_velocity(const fs::path& path, const std::string& grid, const Task& task) {
   VdbRequest request{VdbRequest::Kind::kVelocity, path.string()};
   request.grid = grid;
-  const auto velocity = ask<StoredVelocity>(request, task);
+  return ask<StoredVelocity>(request, task);
+}
+
+Displacement load_displacement(const fs::path& path, const std::string& grid, const ScalarField& density, double scale,
+                               double open_time, double close_time, std::vector<std::string>& notes, const Task& task) {
+  const StoredVelocity velocity = load_velocity(path, grid, task);
   notes.insert(notes.end(), velocity.notes.begin(), velocity.notes.end());
   try {
     return displacement_over(velocity, density.bricks, density.summary.box, density.world_from_index, scale, open_time,

@@ -11,6 +11,8 @@
 
 namespace brume {
 
+struct StoredVelocity;
+
 /// What one grid of a file is, for people and for error messages.
 struct GridSummary {
   std::string name;         ///< as GridEntry::name
@@ -93,12 +95,16 @@ struct VectorField {
 /// @throws InputError: as load_scalar; a grid of another type
 VectorField load_colour(const std::filesystem::path& path, const std::string& grid, const Task& task = {});
 
-/// Loads a velocity, a grid of three-vectors (staggered or not) or three scalar grids named like vel.x, vel.y, vel.z,
-/// onto a density's lattice, in voxels per frame, extended to wherever it brings the density; and bounds the density
-/// over all that the motion between two times can bring to each place.
+/// Loads a velocity as it is stored: a grid of three-vectors (staggered or not) or three scalar grids named like vel.x,
+/// vel.y, vel.z.
+/// @throws InputError: as load_scalar; neither a grid of three-vectors nor three grids of numbers
+StoredVelocity load_velocity(const std::filesystem::path& path, const std::string& grid, const Task& task = {});
+
+/// Loads a velocity onto a density's lattice, in voxels per frame, extended to wherever it brings the density; and
+/// bounds the density over all that the motion between two times can bring to each place.
 /// @param scale       world units of the file per frame, for one unit of stored velocity
 /// @param open,close  shutter, in frames around the density's own time
-/// @throws InputError: as load_scalar; neither a grid of three-vectors nor three grids of numbers
+/// @throws InputError: as load_velocity
 Displacement load_displacement(const std::filesystem::path& path, const std::string& grid, const ScalarField& density,
                                double scale, double open, double close, std::vector<std::string>& notes,
                                const Task& task = {});

@@ -12,6 +12,7 @@
 #include "image/exr_io.h"
 #include "render/scene/scene_io.h"
 #include "render/scene/scene_outline.h"
+#include "render/scene/volume_time.h"
 #include "render/session/renderer.h"
 #include "workflows/clean.h"
 #include "workflows/deep_frame.h"
@@ -69,7 +70,10 @@ Scene scene_of(const RenderOptions& o, const Host& host) {
 /// @throws InputError where an output cannot be written, or would replace what is read
 void check_outputs(const RenderOptions& o, const Scene& scene) {
   std::vector<fs::path> inputs = {o.scene, scene.environment.file, scene.camera.from_exr};
-  for (const VolumeSettings& volume : scene.volumes) inputs.push_back(volume.file);
+  for (const VolumeSettings& volume : scene.volumes)
+    for (const VolumeSettings* v : {&volume, volume.moment.later.get()})
+      for (const auto& [key, file] : kVolumeFiles)
+        if (v) inputs.push_back(v->*file);
   for (const InstanceSettings& instances : scene.instances) inputs.push_back(instances.file);
   for (const SurfaceSettings& surface : scene.surfaces)
     inputs.insert(inputs.end(), {surface.file, surface.albedo_texture});
@@ -432,12 +436,17 @@ RenderedFrame render_frame(const RenderOptions& options, const Host& host) {
 }
 
 SequenceEnd render_sequence(const RenderOptions& options, const std::vector<int>& frames, const Host& host) {
-  const bool bare = options.scene_text.empty() && std::any_of(frames.begin(), frames.end(), [&](int frame) {
+  const std::vector<std::string> untimed = without_time(options.overrides);
+  const auto pattern = FramePattern::of(options.scene);
+  // Whose frames are not the scene's.
+  const bool retimed = pattern && untimed.size() < options.overrides.size();
+  const std::vector<int> files = retimed ? pattern->frames_on_disk() : frames;
+  const bool bare = options.scene_text.empty() && std::any_of(files.begin(), files.end(), [&](int frame) {
                       return is_volume(file_of_frame(options.scene, frame));
                     });
   std::optional<VolumeScene> made;
   if (bare) try {
-      made = scene_for_volumes(options.scene, frames, options.overrides, host.silent());
+      made = scene_for_volumes(options.scene, files, untimed, host.silent());
       tell_assumptions(options, *made, host);
     } catch (const InputError&) {
       // No frame can be looked at: each says why, below.
@@ -445,11 +454,12 @@ SequenceEnd render_sequence(const RenderOptions& options, const std::vector<int>
     }
   return each_frame(frames, host, [&](int frame) {
     RenderOptions own = of_frame(options, frame);
-    own.scene = file_of_frame(options.scene, frame);
+    const bool of_pattern = made && retimed;
+    own.scene = of_pattern ? options.scene : file_of_frame(options.scene, frame);
     own.sequence = options.scene;
     if (made) {
       own.save_scene.clear();
-      if (!fs::exists(own.scene)) throw InputError(fmt::format("{}: no such file", own.scene.string()));
+      if (!of_pattern && !fs::exists(own.scene)) throw InputError(fmt::format("{}: no such file", own.scene.string()));
       own.scene_text = made->text(own.scene.filename().string());
     }
     for (const fs::path& name :

@@ -19,6 +19,14 @@ bool is_volume(const std::filesystem::path& path) {
   return begin == " BDV" || begin == "Nano";
 }
 
+std::vector<std::string> without_time(std::span<const std::string> overrides) {
+  std::vector<std::string> rest;
+  for (const std::string& assignment : overrides)
+    if (!assignment.starts_with("volumes.0.time.") && !assignment.starts_with("volumes.0.time="))
+      rest.push_back(assignment);
+  return rest;
+}
+
 namespace {
 
 /// A sequence's first frame, or the one that is said, in the scene of all its frames; nothing where none is a volume.
@@ -29,7 +37,7 @@ std::optional<LoadedScene> load_bare_sequence(const std::filesystem::path& path,
   std::vector<int> frames = pattern->frames_on_disk();
   std::erase_if(frames, [&](int frame) { return !is_volume(pattern->path(frame)); });
   if (frames.empty()) return std::nullopt;
-  VolumeScene made = scene_for_volumes(path, frames, overrides, task);
+  VolumeScene made = scene_for_volumes(path, frames, without_time(overrides), task);
   std::vector<std::string> all(overrides.begin(), overrides.end());
   if (!assigned_keys(overrides).contains("render.frame")) all.push_back(fmt::format("render.frame={}", frames[0]));
   Scene scene = parse_scene(made.text(path.filename().string()), path, all);

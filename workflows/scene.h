@@ -13,6 +13,9 @@ namespace brume {
 /// Whether a file is an OpenVDB or NanoVDB file, by its first bytes.
 bool is_volume(const std::filesystem::path& path);
 
+/// Assignments but for those of the table `time` of a bare sequence: its files are looked at one by one.
+std::vector<std::string> without_time(std::span<const std::string> overrides);
+
 struct LoadedScene {
   Scene scene;
   std::optional<VolumeScene> made;  ///< what was made up around a bare volume

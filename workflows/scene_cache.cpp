@@ -5,6 +5,7 @@
 #include <utility>
 
 #include "render/world/mesh.h"
+#include "render/world/volume_fields.h"
 
 namespace brume {
 namespace {
@@ -31,11 +32,16 @@ auto known_or_read(Map& known, const typename Map::key_type& key, const Read& re
 void SceneCache::add_grids(VolumeSettings& v, const Task& task) {
   if (v.shape != "grid" || (v.grids && v.grids->of_arrays())) return;
   auto grids = std::make_shared<VolumeGrids>();
+  if (v.moment.later) {  // what is between two frames is made of both
+    v.grids = std::move(grids);
+    return;
+  }
   const auto scalar = [&](const char* what, const std::string& name, GridUse use) {
-    return known_or_read(fields_, {v.file, what, name}, [&] {
+    const std::filesystem::path& file = file_of(v, use);
+    return known_or_read(fields_, {file, what, name}, [&] {
       ++counts_.read;
-      return std::make_shared<const ScalarField>(use == GridUse::kDensity ? load_scalar(v.file, {name}, task)
-                                                                          : load_field(v.file, name, use, task));
+      return std::make_shared<const ScalarField>(use == GridUse::kDensity ? load_scalar(file, {name}, task)
+                                                                          : load_field(file, name, use, task));
     });
   };
   // What goes through a curve or a limit on its way does so in the file's own precision.
@@ -47,9 +53,9 @@ void SceneCache::add_grids(VolumeSettings& v, const Task& task) {
     grids->temperature = scalar("temperature", v.temperature_grid, GridUse::kTemperature);
   if (v.flame_grid != "none") grids->flame = scalar("flame", v.flame_grid, GridUse::kFlame);
   if (v.albedo_grid != "none")
-    grids->colour = known_or_read(colours_, {v.file, "colour", v.albedo_grid}, [&] {
+    grids->colour = known_or_read(colours_, {file_of(v, GridUse::kColour), "colour", v.albedo_grid}, [&] {
       ++counts_.read;
-      return std::make_shared<const VectorField>(load_colour_field(v.file, v.albedo_grid, task));
+      return std::make_shared<const VectorField>(load_colour_field(file_of(v, GridUse::kColour), v.albedo_grid, task));
     });
   v.grids = std::move(grids);
 }

@@ -69,6 +69,11 @@ int info_vdb(const std::string& path, bool as_json) {
     text += fmt::format(
         "\n{}{}\n  type          {}{}, {}{}\n", g.name, grid_name_alone(g.name).empty() ? " (without a name)" : "",
         g.type, g.half ? " saved as half" : "", g.grid_class, g.compression.empty() ? "" : ", " + g.compression);
+    if (const auto level = level_of(s.entries(), g.name)) {
+      text +=
+          fmt::format("  level         {} of '{}', coarser: read only where it is named\n", level->level, level->of);
+      j["level"] = level->level, j["level_of"] = level->of;
+    }
     if (g.box.empty()) {
       text += "  active        none: an empty grid\n";
     } else {

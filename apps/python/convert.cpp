@@ -199,6 +199,12 @@ std::string to_toml_value(py::handle value) {
   if (PyBool_Check(value.ptr())) return value.ptr() == Py_True ? "true" : "false";
   if (PyIndex_Check(value.ptr())) return to_text(py::str(value));
   if (PyFloat_Check(value.ptr())) return to_text(py::str(py::float_(py::reinterpret_borrow<py::object>(value))));
+  if (PyDict_Check(value.ptr())) {  // a table in a table, such as time of a volume
+    std::vector<std::string> entries;
+    for (const auto& [key, entry] : py::reinterpret_borrow<py::dict>(value))
+      if (!entry.is_none()) entries.push_back(to_toml_key(to_text(key)) + " = " + to_toml_value(entry));
+    return "{" + join(entries) + "}";
+  }
   if (!py::isinstance<py::sequence>(value) || PyBytes_Check(value.ptr()))
     throw py::type_error("expected a number, bool, str, path or a list of these for a key of a scene, found " +
                          type_name(value));

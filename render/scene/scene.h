@@ -52,6 +52,26 @@ struct ArrayPlacement {
   dvec3 voxel_size{1}, origin{0};
 };
 
+/// Which frame of a sequence of files a volume shows.
+struct VolumeTime {
+  std::vector<std::vector<double>> frame;  ///< rows of a frame of the scene and one of the volume; none: by fps
+  double fps = 24, scene_fps = 24, offset = 0;
+  int first = -1, last = -1;
+  std::string beyond = "error", missing = "error", between = "motion";
+  bool given = false;  ///< whether the volume has the table
+};
+
+struct VolumeSettings;
+
+/// What that comes to at the scene's frame; not part of a scene's text.
+struct VolumeMoment {
+  double frame = 0;                             ///< of the volume
+  double rate = 1;                              ///< frames of the volume per frame of the scene
+  std::shared_ptr<const VolumeSettings> later;  ///< the same volume of the next file; null: it is not needed
+  double share = 0;                             ///< of the way from the volume's files to those of `later`
+  double frames = 1;                            ///< from one to the other
+};
+
 struct VolumeSettings {
   std::filesystem::path file;
   std::string grid;
@@ -70,6 +90,7 @@ struct VolumeSettings {
   std::string phase = "henyey_greenstein";
   double g = 0.0, g2 = 0.0, lobe_weight = 0.5, droplet_diameter = 20.0, draine_alpha = 1.0;
   std::string albedo_grid = "none";
+  std::filesystem::path albedo_file, temperature_file, flame_file, velocity_file;  ///< empty: `file`
   dvec3 emission{0};
   std::string temperature_grid = "none";
   double temperature_offset = 0, temperature_scale = 1, blackbody_intensity = 1;
@@ -79,6 +100,8 @@ struct VolumeSettings {
   double flame_intensity = 1;
   std::string velocity_grid = "none";
   double velocity_scale = 1;
+  VolumeTime time;
+  VolumeMoment moment;
   dmat4 object_to_world{1};
   dmat4 object_to_world_end{0};  ///< all zero: the volume stands still
   dvec3 index_offset{0};

@@ -154,6 +154,36 @@ void describe(Visitor& v, EnvironmentSettings& e) {
 }
 
 template <class Visitor>
+void describe(Visitor& v, VolumeTime& t) {
+  v({"frame", "frames",
+     "[[frame of the scene, frame of the volume], ...], rising in the first: straight between two rows, at rest before the first and after the last. Frames of the volume may have fractions"},
+    t.frame);
+  v({"fps", "1/s",
+     "instead of frame: frames of the files per second; the volume's frame is offset + the scene's * fps / scene_fps",
+     1e-6, 1e6},
+    t.fps);
+  v({"scene_fps", "1/s", "frames of the scene per second, beside fps", 1e-6, 1e6}, t.scene_fps);
+  v({"offset", "frames", "added to the volume's frame", -1e9, 1e9}, t.offset);
+  v({"first", "frames", "first frame of the sequence; -1: of the files that are there", -1, 999'999'999}, t.first);
+  v({"last", "frames", "its last frame; -1: of the files that are there", -1, 999'999'999}, t.last);
+  v({.key = "beyond",
+     .help =
+         "before first and after last. error: an error; hold: the nearest of them; loop: from first to last again and again; ping_pong: forwards and backwards; empty: no volume",
+     .choices = {"error", "hold", "loop", "ping_pong", "empty"}},
+    t.beyond);
+  v({.key = "missing",
+     .help =
+         "where a file between first and last is not there. error: an error; hold: the last file before it; between: what is between the files before and after it",
+     .choices = {"error", "hold", "between"}},
+    t.missing);
+  v({.key = "between",
+     .help =
+         "frames between two files. motion: both are carried there along their velocities (velocity_grid, velocity_scale), the total density kept; blend: mixed where they are, as without a velocity; nearest: the nearer of the two",
+     .choices = {"motion", "blend", "nearest"}},
+    t.between);
+}
+
+template <class Visitor>
 void describe(Visitor& v, VolumeSettings& s) {
   v({"file", "", "OpenVDB or NanoVDB file"}, s.file);
   v({"grid", "",
@@ -199,10 +229,13 @@ void describe(Visitor& v, VolumeSettings& s) {
   v({"albedo_grid", "",
      "colour grid that multiplies albedo; none, or auto: color, Cd and such names, if there is one; or three grids, such as Cd_r, Cd_g, Cd_b"},
     s.albedo_grid);
+  v({"albedo_file", "", "the file of albedo_grid; none: file"}, s.albedo_file);
   v({"emission", "W/(m^2 sr) / scene unit", "emission coefficient per density", 0}, s.emission);
   v({"temperature_grid", "",
      "emits as a black body; none, or auto: temperature and such names, if there is one and the file has no empty grid of flames: then it is the heat of smoke that does not burn"},
     s.temperature_grid);
+  v({"temperature_file", "", "the file of temperature_grid; none: file. Its voxels need not be those of the density"},
+    s.temperature_file);
   v({"temperature_offset", "K", "kelvin = temperature_offset + temperature_scale * value"}, s.temperature_offset);
   v({"temperature_scale", "K",
      "what one unit of the grid is: 1 for kelvin; Blender's fluids store about 0 .. 3, their shader's default is 1000",
@@ -219,14 +252,18 @@ void describe(Visitor& v, VolumeSettings& s) {
   v({"flame_grid", "",
      "emits the colours of flame_ramp; none, or auto: flame, flames, fire, burn, heat and such names, if there is one"},
     s.flame_grid);
+  v({"flame_file", "", "the file of flame_grid; none: file"}, s.flame_file);
   v({"flame_ramp", "", "[[value, r, g, b], ...], rising in the first; empty: from dark red to pale yellow over 0 .. 1"},
     s.flame_ramp);
   v({"flame_intensity", "W/(m^2 sr) / scene unit", "emission coefficient of the ramp's colour 1", 0},
     s.flame_intensity);
   v({"velocity_grid", "",
-     "deformation motion blur over the camera's shutter; none, or auto: velocity, vel, v, if there is one; or three grids of its components, such as vel.x, vel.y, vel.z"},
+     "deformation motion blur over the camera's shutter, and the way between two frames of a sequence (time); none, or auto: velocity, vel, v, if there is one; or three grids of its components, such as vel.x, vel.y, vel.z"},
     s.velocity_grid);
+  v({"velocity_file", "", "the file of velocity_grid; none: file"}, s.velocity_file);
   v({"velocity_scale", "", "the file's world units per frame for one unit of stored velocity"}, s.velocity_scale);
+  v({"time", "table", "which frame of a sequence of files is shown, below: time = { frame = [[1, 1], [48, 25.5]] }"},
+    s.time);
   v({"object_to_world", "", "4 x 4, rows first, applied after the file's own transform; points are columns"},
     s.object_to_world);
   v({"object_to_world_end", "", "the same when the shutter closes; all zero: it stands still"}, s.object_to_world_end);

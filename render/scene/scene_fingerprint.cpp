@@ -9,6 +9,7 @@
 #include "base/rng.h"
 #include "base/text.h"
 #include "render/scene/scene_fields.h"
+#include "render/scene/volume_time.h"
 #include "volume/volume_grids.h"
 
 namespace brume {
@@ -40,6 +41,15 @@ class SettingTexts {
     for (const dmat4& m : matrices)
       for (const char c : text(m)) hash = mix64(hash ^ static_cast<unsigned char>(c));
     return matrices.empty() ? "none" : fmt::format("{} matrices, content {:016x}", matrices.size(), hash);
+  }
+  static std::string text(VolumeTime time) {
+    if (!time.given) return "none";
+    SettingTexts set;
+    describe(set, time);
+    std::string all;
+    for (size_t i = 0; i < set.keys.size(); ++i)
+      all += fmt::format("{}{} = {}", i ? ", " : "", set.keys[i], set.texts[i]);
+    return "{" + all + "}";
   }
   static std::string text(const fs::path&) { return ""; }  // by content, not by name
   template <class Entry>
@@ -125,7 +135,13 @@ Fingerprint fingerprint(Scene scene, FileHashes* known) {
     }
   };
   each("volumes", scene.volumes, [&](const std::string& t, VolumeSettings& v) {
-    print.file(t + ".file", v.file);
+    for (const auto& [key, file] : kVolumeFiles) print.file(t + "." + key, v.*file);
+    if (v.time.given) {
+      const VolumeMoment& m = v.moment;
+      print.content(t + ".time", fmt::format("{} {} {}", m.later ? m.share : 0, m.frames, m.rate));
+      if (m.later)
+        for (const auto& [key, file] : kVolumeFiles) print.file(t + ".later." + key, (*m.later).*file);
+    }
     if (!v.grids || !v.grids->of_arrays()) return;
     print.table(t, v.placement);
     print.content(t + ".arrays", v.grids->content);
@@ -195,7 +211,10 @@ std::string world_of(const Scene& scene) {
   add_file(scene.environment.file);
   for (const VolumeSettings& v : scene.volumes) {
     add(v);
-    add_file(v.file);
+    for (const auto& [key, file] : kVolumeFiles) add_file(v.*file);
+    if (v.time.given) text += fmt::format("{} {} {}\n", v.moment.share, v.moment.frames, v.moment.rate);
+    if (v.moment.later)
+      for (const auto& [key, file] : kVolumeFiles) add_file((*v.moment.later).*file);
     if (!v.grids || !v.grids->of_arrays()) continue;
     add(v.placement);
     text += v.grids->content + "\n";

@@ -13,6 +13,7 @@
 #include "render/scene/scene_fields.h"
 #include "render/scene/scene_fingerprint.h"
 #include "render/scene/toml_table.h"
+#include "render/scene/volume_time.h"
 #include "volume/placement.h"
 #include "volume/volume_grids.h"
 
@@ -67,8 +68,8 @@ void check_render(const Parser&, const RenderSettings& r, const toml::value& tab
 /// A volume of arrays: what they are stands for the keys that name a file's grids. @throws InputError
 void take_arrays(Parser& parser, VolumeSettings& v, const toml::value& table) {
   const VolumeGrids& grids = *v.grids;
-  for (const char* key :
-       {"file", "grid", "albedo_grid", "temperature_grid", "flame_grid", "velocity_grid", "convert_level_set"})
+  for (const char* key : {"file", "grid", "albedo_grid", "albedo_file", "temperature_grid", "temperature_file",
+                          "flame_grid", "flame_file", "velocity_grid", "velocity_file", "convert_level_set", "time"})
     if (parser.has(key))
       fail_at(fmt::format("'{}' stands beside arrays", key), table.at(key),
               "remove one of the two: a volume is a file or arrays");
@@ -79,6 +80,24 @@ void take_arrays(Parser& parser, VolumeSettings& v, const toml::value& table) {
   if (grids.flame) v.flame_grid = "flame";
   if (grids.colour) v.albedo_grid = "color";
   if (grids.velocity) v.velocity_grid = "velocity";
+}
+
+/// A field that has a file of its own is there, under a usual name unless another is said.
+void take_field_files(const Parser& parser, VolumeSettings& v, const toml::value& table) {
+  struct Field {
+    const char *file_key, *grid_key;
+    std::string& grid;
+  };
+  for (const Field& field : {Field{"albedo_file", "albedo_grid", v.albedo_grid},
+                             {"temperature_file", "temperature_grid", v.temperature_grid},
+                             {"flame_file", "flame_grid", v.flame_grid},
+                             {"velocity_file", "velocity_grid", v.velocity_grid}}) {
+    if (!parser.has(field.file_key)) continue;
+    if (!parser.has(field.grid_key)) field.grid = "auto";
+    if (field.grid == "none")
+      fail_at(fmt::format("'{}' stands beside {} = \"none\"", field.file_key, field.grid_key), table.at(field.file_key),
+              "remove one of the two");
+  }
 }
 
 /// Whichever way the coefficients are given, they become sigma_t and albedo.
@@ -93,12 +112,14 @@ void check_volume(Parser& parser, VolumeSettings& v, const toml::value& table) {
   if (v.shape == "grid" && v.file.empty() && !v.grids)
     fail_at("[[volumes]] has no 'file'", table, "add file = ... here: OpenVDB file");
   if (v.shape != "grid") {
-    conflict({"file", "grid", "albedo_grid", "temperature_grid", "flame_grid", "velocity_grid"},
+    conflict({"file", "grid", "albedo_grid", "albedo_file", "temperature_grid", "temperature_file", "flame_grid",
+              "flame_file", "velocity_grid", "velocity_file", "time"},
              fmt::format("shape = \"{}\"", v.shape));
     if (v.shape == "everywhere")
       conflict({"lo", "hi", "object_to_world", "object_to_world_end"}, "shape = \"everywhere\"");
     if (!glm::all(glm::lessThan(v.lo, v.hi))) fail_at("'lo' is not below 'hi'", table, "expected a box with a volume");
   }
+  take_field_files(parser, v, table);
   for (const auto& [key, phase] : {std::pair("g2", "two_lobes"),
                                    {"lobe_weight", "two_lobes"},
                                    {"droplet_diameter", "mie"},
@@ -148,6 +169,26 @@ void check_volume(Parser& parser, VolumeSettings& v, const toml::value& table) {
   v.sigma_t *= v.density;
   v.emission *= v.density;
   v.density = 1;
+}
+
+/// Has a volume show the frame of its sequence that its table `time` says.
+void set_frame(Parser& parser, VolumeSettings& v, const toml::value& table, const Scene& scene) {
+  const VolumeTime& t = v.time;
+  const toml::value& time = table.at("time");
+  for (const char* key : {"fps", "scene_fps"})
+    if (!t.frame.empty() && time.contains(key))
+      fail_at(fmt::format("'{}' stands beside 'frame'", key), time.at(key), "remove one of the two");
+  if (time.contains("scene_fps") && !time.contains("fps"))
+    fail_at("'scene_fps' stands without 'fps'", time.at("scene_fps"), "add fps = ...: frames of the files per second");
+  if (t.first >= 0 && t.last >= 0 && t.last < t.first)
+    fail_at(fmt::format("'last' is {}, before first = {}", t.last, t.first), time.at("last"),
+            "expected a frame after it");
+  set_in_time(
+      v, [&](const char* key) { return parser.name_of_file(key); }, scene.render.frame, scene.camera.shutter,
+      [&](const std::string& key, const std::string& message, const std::string& expected) {
+        fail_at(message, table.at(key), expected);
+      });
+  for (const auto& [key, file] : kVolumeFiles) parser.take_file(key, v.*file);
 }
 
 /// @param volumes  of the scene's text, by number: their places in Scene::volumes, or kLeftOut
@@ -304,16 +345,17 @@ Scene scene_from(std::istream& stream, const fs::path& path, std::span<const std
     s.arrays = found->second.list;
     s.arrays_content = found->second.content;
   };
-  array("volumes", scene.volumes, check_volume, volume);
+  size_t kept = 0;
+  array(
+      "volumes", scene.volumes,
+      [&](Parser& parser, VolumeSettings& v, const toml::value& table) {
+        check_volume(parser, v, table);
+        if (v.enabled && v.time.given) set_frame(parser, v, table, scene);
+        volumes.push_back(v.enabled ? kept++ : kLeftOut);
+      },
+      volume);
   array("lights", scene.lights, check_light, no_check);
   array("surfaces", scene.surfaces, check_surface, surface);
-  if (root.contains("volumes")) {
-    size_t kept = 0;
-    for (const toml::value& entry : root.at("volumes").as_array()) {
-      const bool enabled = !entry.contains("enabled") || entry.at("enabled").as_boolean();
-      volumes.push_back(enabled ? kept++ : kLeftOut);
-    }
-  }
   array(
       "instances", scene.instances,
       [&](const Parser& parser, InstanceSettings& s, const toml::value& table) {

@@ -36,6 +36,10 @@ std::string scene_reference() {
       "A fog volume and its coefficients: sigma_t(x) = sigma_t * density(x), sigma_s = albedo * sigma_t. Several may overlap. `file` is required where shape is grid.",
       VolumeSettings{});
   reference.table(
+      "[volumes.time]",
+      "Of a volume whose file is a sequence ([sequences.md](sequences.md#volumes-at-their-own-speed)). Without it the volume's frame is the scene's.",
+      VolumeTime{});
+  reference.table(
       "[[instances]]",
       "Places where a volume stands. One that is named here stands at these places only, not at its own; its grids are held once, however many there are ([instances.md](instances.md)). One of `matrices` and `file` is required.",
       InstanceSettings{});

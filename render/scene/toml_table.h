@@ -94,10 +94,22 @@ class TomlTable {
                 "not a key of " + where_);
   }
 
+  /// A file's name as it is written, with its frame's number in place: absolute. Empty where the key is not there.
+  std::filesystem::path name_of_file(const std::string& key) const {
+    for (const NamedFile& file : files_)
+      if (file.key == key) return file.name;
+    return {};
+  }
+  /// Has another file of that name's sequence checked.
+  void take_file(const std::string& key, const std::filesystem::path& path) {
+    for (NamedFile& file : files_)
+      if (file.key == key) file.path = path;
+  }
+
   /// Last, so that what the table itself gets wrong is said first.
   void check_files() const {
     std::error_code ignored;
-    for (const auto& [key, path] : files_)
+    for (const auto& [key, path, name] : files_)
       if (!std::filesystem::exists(path, ignored))
         fail_at(fmt::format("'{}' of {} is {}: no such file", key, where_, path.string()), table_.at(key),
                 "expected a file; its path starts at the folder of the file that names it");
@@ -145,7 +157,13 @@ class TomlTable {
     target = toml_path(folder_, text);
     // "take##.vdb" may be a name too.
     if (!std::filesystem::exists(target, ignored)) target = toml_path(folder_, file_of_frame(text, frame_).string());
-    files_.emplace_back(field.key, target);
+    files_.push_back({field.key, target, toml_path(folder_, text)});
+  }
+  void read(const Field& field, const toml::value& v, VolumeTime& target) {
+    TomlTable table(v, fmt::format("'{}' of {}", field.key, where_), folder_, frame_);
+    describe(table, target);
+    table.reject_unknown();
+    target.given = true;
   }
   static void read(const Field& field, const toml::value& v, dvec3& target) {
     const std::string expected = "expected [x, y, z]" + toml_range_text(field);
@@ -229,12 +247,17 @@ class TomlTable {
     }
   }
 
+  struct NamedFile {
+    std::string key;
+    std::filesystem::path path, name;
+  };
+
   const toml::value& table_;
   std::string where_;
   std::filesystem::path folder_;
   int frame_;
   std::vector<std::string> known_, provided_;
-  std::vector<std::pair<std::string, std::filesystem::path>> files_;
+  std::vector<NamedFile> files_;
 };
 
 }  // namespace brume

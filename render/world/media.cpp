@@ -8,6 +8,7 @@
 #include "base/error.h"
 #include "render/world/everywhere.h"
 #include "render/world/instance_files.h"
+#include "render/world/volume_fields.h"
 #include "volume/array_volume.h"
 #include "volume/majorant_cost.h"
 #include "volume/volume_grids.h"
@@ -36,40 +37,16 @@ bool reads_the_same(const VolumeSettings& a, const VolumeSettings& b) {
     const bool arrays = v.grids && v.grids->of_arrays();
     return std::tuple(v.shape, v.file, v.grid, v.convert_level_set, v.remap, v.max_density, v.albedo_grid,
                       v.temperature_grid, v.flame_grid, v.velocity_grid, v.velocity_scale, v.placement.voxel_size,
-                      v.placement.origin, arrays ? v.grids->content : std::string());
+                      v.placement.origin, arrays ? v.grids->content : std::string(), v.albedo_file, v.temperature_file,
+                      v.flame_file, v.velocity_file, v.time.between, v.moment.later ? v.moment.share : 0,
+                      v.moment.frames, v.moment.rate);
   };
-  return read(a) == read(b);
+  const bool later = a.moment.later != nullptr;
+  return read(a) == read(b) && later == (b.moment.later != nullptr) &&
+         (!later || read(*a.moment.later) == read(*b.moment.later));
 }
 
 constexpr const char* kAuto = "auto";
-
-/// The grid's name for a loader, to which "auto" leaves it.
-std::string name_or_none(const std::string& name) {
-  return name == kAuto ? "" : name;
-}
-
-/// What `read` gives, or where "auto" finds nothing an empty field that says so.
-template <class Field, class Read>
-Field read_if_there(const std::string& name, const Read& read) {
-  try {
-    return read();
-  } catch (const NoSuchGrid& error) {
-    if (name != kAuto) throw;
-    Field none;
-    none.notes.push_back(fmt::format("{}: \"auto\" finds none, and is taken as \"none\"", error.what()));
-    return none;
-  }
-}
-
-/// A file's grid of flames that holds none; empty where there is no such grid, or where it burns.
-std::string grid_without_flames(const std::filesystem::path& file, const Task& task) {
-  const VdbSummary contents = read_vdb_contents(file, task);
-  std::vector<std::string> ignored;
-  const std::vector<GridEntry> entries = contents.entries();
-  const GridEntry* const flame = usual_grid(entries, GridUse::kFlame, ignored);
-  if (!flame || (flame->type != "float" && flame->type != "double")) return "";
-  return load_scalar(file, {.grid = flame->name, .use = GridUse::kFlame}, task).bricks.empty() ? flame->name : "";
-}
 
 EmissionRamp fire_ramp(const VolumeSettings& v) {
   std::vector<std::pair<double, dvec3>> stops;
@@ -80,23 +57,6 @@ EmissionRamp fire_ramp(const VolumeSettings& v) {
 }
 
 }  // namespace
-
-ScalarField load_field(const std::filesystem::path& file, const std::string& name, GridUse use, const Task& task) {
-  if (use == GridUse::kTemperature && name == kAuto)
-    if (const std::string flame = grid_without_flames(file, task); !flame.empty()) {
-      ScalarField none;
-      none.notes.push_back(fmt::format(
-          "{}: grid '{}' holds no flames: its temperature is what lifts the smoke, and nothing burns; temperature_grid = NAME makes it glow all the same",
-          file.string(), flame));
-      return none;
-    }
-  return read_if_there<ScalarField>(name,
-                                    [&] { return load_scalar(file, {.grid = name_or_none(name), .use = use}, task); });
-}
-
-VectorField load_colour_field(const std::filesystem::path& file, const std::string& name, const Task& task) {
-  return read_if_there<VectorField>(name, [&] { return load_colour(file, name_or_none(name), task); });
-}
 
 /// A scene's volumes and where they stand. Those that cannot share all that a medium is with their instances stand
 /// there as so many volumes.
@@ -183,7 +143,8 @@ class SceneMedia::Loader {
         file_(v_.file.empty() ? fmt::format("volumes.{}", number_) : v_.file.filename().string()),
         named_(v_.file.empty() ? file_ : v_.file.string()),
         moves_(v_.object_to_world_end != dmat4(0.0)),
-        shutter_opens_(scene_.camera.shutter.y > scene_.camera.shutter.x) {}
+        shutter_opens_(scene_.camera.shutter.y > scene_.camera.shutter.x),
+        fields_(v_, shutter_opens_ && v_.velocity_grid != "none", into.notes_, task) {}
 
   void load() {
     check_transform(v_.object_to_world, "object_to_world");
@@ -299,10 +260,11 @@ class SceneMedia::Loader {
     for (const auto& row : v_.remap) options.remap.emplace_back(row[0], row[1]);
     options.limit = v_.max_density;
     ScalarField& density = volume_->density;
-    const bool unchanged = !options.convert_level_set && options.remap.empty() && !(options.limit > 0);
+    const bool unchanged =
+        !options.convert_level_set && options.remap.empty() && !(options.limit > 0) && !v_.moment.later;
     read_into(density, [&] {
       if (of_arrays()) return v_.grids->density ? adjusted_density(*v_.grids->density, options, task_) : ScalarField();
-      return v_.grids && v_.grids->density && unchanged ? *v_.grids->density : load_scalar(v_.file, options, task_);
+      return v_.grids && v_.grids->density && unchanged ? *v_.grids->density : fields_.density(options);
     });
     count(density.summary.name, density.bricks.bytes());
     if (const BrickGrid& b = density.bricks; !b.empty()) {
@@ -312,7 +274,7 @@ class SceneMedia::Loader {
     }
     Medium medium(density.bricks, world_from(density.world_from_index), {v_.sigma_t, v_.albedo}, phase_of(v_));
     if (v_.albedo_grid != "none" && !medium.empty()) load_colour_into(medium);
-    if (v_.velocity_grid != "none" && !shutter_opens_)
+    if (v_.velocity_grid != "none" && !shutter_opens_ && !v_.moment.later)
       note("velocity_grid is set but camera.shutter opens and closes at once: no motion blur");
     set_in_motion(medium, density, volume_->displacement);
     if (!medium.empty() && medium.extinction_per_density() > 0)
@@ -365,9 +327,7 @@ class SceneMedia::Loader {
 
   void load_colour_into(Medium& medium) {
     VectorField& colour = volume_->colour;
-    read_into(colour, [&] {
-      return v_.grids && v_.grids->colour ? *v_.grids->colour : load_colour_field(v_.file, v_.albedo_grid, task_);
-    });
+    read_into(colour, [&] { return v_.grids && v_.grids->colour ? *v_.grids->colour : fields_.colour(); });
     const auto& parts = colour.bricks.parts;
     if (v_.albedo_grid == kAuto && parts[0].empty() && parts[1].empty() && parts[2].empty()) return;
     const dmat4 to_origin = translation(dvec3(colour.bricks.parts[0].origin()));
@@ -380,7 +340,7 @@ class SceneMedia::Loader {
       if (!displacement.envelope.empty()) shape.set_displacement(displacement);
       return;
     }
-    const dvec2& shutter = scene_.camera.shutter;
+    const dvec2 shutter = v_.moment.rate * scene_.camera.shutter;  // in frames of the volume
     try {
       if (of_arrays()) {
         for (const std::string& line : v_.grids->velocity->notes)
@@ -388,8 +348,7 @@ class SceneMedia::Loader {
         displacement = displacement_of(*v_.grids->velocity, field, field.world_from_index, v_.velocity_scale, shutter.x,
                                        shutter.y, into_.notes_, task_);
       } else {
-        displacement = load_displacement(v_.file, name_or_none(v_.velocity_grid), field, v_.velocity_scale, shutter.x,
-                                         shutter.y, into_.notes_, task_);
+        displacement = fields_.displacement(field, shutter.x, shutter.y);
       }
     } catch (const NoSuchGrid& error) {
       if (v_.velocity_grid != kAuto) throw;
@@ -404,7 +363,8 @@ class SceneMedia::Loader {
   /// What moves a field over the shutter, on the field's own lattice.
   void set_in_motion(Medium& shape, const ScalarField& field, Displacement& displacement) {
     if (!shutter_opens_) return;
-    if (v_.velocity_grid != "none" && !still_ && !field.bricks.empty()) displace(shape, field, displacement);
+    if (v_.velocity_grid != "none" && !still_ && v_.moment.rate != 0 && !field.bricks.empty())
+      displace(shape, field, displacement);
     if (moves_)
       shape.set_motion(translation(-into_.world_shift_) * v_.object_to_world_end * field.world_from_index *
                        translation(v_.index_offset));
@@ -419,10 +379,8 @@ class SceneMedia::Loader {
 
   void load_temperature() {
     ScalarField& temperature = volume_->temperature;
-    read_into(temperature, [&] {
-      return v_.grids && v_.grids->temperature ? *v_.grids->temperature
-                                               : load_field(v_.file, v_.temperature_grid, GridUse::kTemperature, task_);
-    });
+    read_into(temperature,
+              [&] { return v_.grids && v_.grids->temperature ? *v_.grids->temperature : fields_.temperature(); });
     if (temperature.bricks.empty()) return;
     check_range(temperature);
     count("temperature", temperature.bricks.bytes());
@@ -455,10 +413,7 @@ class SceneMedia::Loader {
 
   void load_flame() {
     ScalarField& flame = volume_->flame;
-    read_into(flame, [&] {
-      return v_.grids && v_.grids->flame ? *v_.grids->flame
-                                         : load_field(v_.file, v_.flame_grid, GridUse::kFlame, task_);
-    });
+    read_into(flame, [&] { return v_.grids && v_.grids->flame ? *v_.grids->flame : fields_.flame(); });
     check_range(flame);
     count("flame", flame.bricks.bytes());
     add_emission(flame, volume_->flame_displacement, fire_ramp(v_));
@@ -475,6 +430,7 @@ class SceneMedia::Loader {
   bool fresh_ = true;   // no volume before this one reads the same
   bool still_ = false;  // the file has no velocity
   Volume* volume_ = nullptr;
+  VolumeFields fields_;
 };
 
 SceneMedia::SceneMedia(const Scene& scene, const Task& task) {

@@ -7,18 +7,8 @@
 #include "render/scene/scene.h"
 #include "volume/emission.h"
 #include "volume/medium.h"
-#include "volume/vdb_io.h"
 
 namespace brume {
-
-/// A grid of a volume's file beside its density, as the scene names it. Where that leaves it open ("auto") and the file
-/// has none of the kind, an empty field with a note; so for a temperature in a file whose grid of flames is empty,
-/// where it is what lifts the smoke and nothing burns.
-/// @throws InputError: as load_scalar
-ScalarField load_field(const std::filesystem::path& file, const std::string& name, GridUse use, const Task& task);
-
-/// The same of a colour; without one its notes are all it holds.
-VectorField load_colour_field(const std::filesystem::path& file, const std::string& name, const Task& task);
 
 /// The volumes of a scene, loaded: fields, the media that scatter, the fields that emit.
 class SceneMedia {

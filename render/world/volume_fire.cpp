@@ -62,7 +62,7 @@ class FireFinder {
     std::vector<std::string> ignored;
     const std::vector<GridEntry> entries = contents_.entries();
     const GridEntry* const found = usual_grid(entries, use, ignored);
-    return found && (found->type == "float" || found->type == "double") ? found->name : "";
+    return found && (found->type == "float" || found->type == "double" || found->type == "half") ? found->name : "";
   }
 
   /// The largest value of a grid; 0 where it holds nothing, or there is no grid.

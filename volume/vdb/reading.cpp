@@ -156,7 +156,10 @@ void fail(const fs::path& path, const std::string& what) {
 
 void initialize() {
   static std::once_flag once;
-  std::call_once(once, [] { openvdb::initialize(); });
+  std::call_once(once, [] {
+    openvdb::initialize();
+    if (!HalfGrid::isRegistered()) HalfGrid::registerGrid();
+  });
 }
 
 std::unique_ptr<openvdb::io::File> open(Reading& reading, const fs::path& path) {
@@ -227,7 +230,8 @@ GridSummary summarize(const openvdb::GridBase& grid, const Task& task) {
     if (s.active_voxels == 0) return;
     scan_active(typed, task).write(s);
   };
-  grid.apply<openvdb::TypeList<openvdb::FloatGrid, openvdb::DoubleGrid, openvdb::Int32Grid, openvdb::Int64Grid>>(
+  grid.apply<
+      openvdb::TypeList<openvdb::FloatGrid, openvdb::DoubleGrid, openvdb::Int32Grid, openvdb::Int64Grid, HalfGrid>>(
       scalar);
   return s;
 }

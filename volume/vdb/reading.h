@@ -42,6 +42,10 @@ struct Reading {
 
 [[noreturn]] void fail(const std::filesystem::path& path, const std::string& what);
 
+/// Grids whose values are halves in memory, too, which OpenVDB knows by itself from version 13 on.
+using HalfTree = openvdb::tree::Tree4<openvdb::math::half, 5, 4, 3>::Type;
+using HalfGrid = openvdb::Grid<HalfTree>;
+
 /// To be called before OpenVDB is used.
 void initialize();
 

@@ -60,8 +60,14 @@ void build_bricks(const Grid& grid, const ScalarOptions& options, ScalarField& f
     field.notes.push_back(fmt::format("grid '{}' holds no positive value: the field is absent", s.name));
 }
 
-/// Masks and grids of whole numbers as densities; any other grid as it is.
+/// Masks and grids of whole numbers as densities, halves as floats; any other grid as it is.
 openvdb::GridBase::Ptr as_numbers(const openvdb::GridBase::Ptr& grid, std::vector<std::string>& notes) {
+  if (const auto halves = openvdb::gridPtrCast<HalfGrid>(grid)) {
+    const auto floats = openvdb::FloatGrid::create(std::make_shared<openvdb::FloatTree>(halves->tree()));
+    floats->insertMeta(*halves);
+    floats->setTransform(halves->transform().copy());
+    return floats;
+  }
   openvdb::FloatGrid::Ptr result;
   const auto try_type = [&](const auto& typed, const auto& number) {
     if (!typed || result) return;
