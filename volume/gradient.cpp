@@ -141,7 +141,7 @@ std::optional<double> march_to_surface(const Medium& medium, const Ray& ray, con
 }  // namespace
 
 std::optional<dvec3> density_gradient(const Medium& medium, const dvec3& local) {
-  if (medium.homogeneous()) return std::nullopt;  // a step at the faces, and constant inside
+  if (medium.homogeneous()) return std::nullopt;  // a step at the faces, and constant inside or gentle
   const BrickGrid& bricks = medium.bricks();
   const dvec3 p = medium.displacement() ? medium.displaced(local) : local;
   for (const int h : {1, 2, 4}) {
@@ -157,7 +157,12 @@ std::optional<double> find_isosurface(const Medium& medium, const Ray& ray, floa
   if (medium.homogeneous()) {
     const auto [t0, t1] = medium.homogeneous()->intersect(ray);
     if (!(t1 > t0) || !(t1 > begin)) return std::nullopt;
-    return std::max(t0, begin);
+    const double from = std::max(t0, begin);
+    const auto& falloff = medium.homogeneous()->falloff;
+    if (!falloff || falloff->density(ray.at(from)) >= iso) return from;
+    const double sinks = -glm::dot(falloff->slope, ray.d);
+    const double t = from + (falloff->height(ray.at(from)) + std::log(static_cast<double>(iso))) / sinks;
+    return sinks > 0 && t < t1 ? std::optional(t) : std::nullopt;
   }
   if (medium.density(ray.at(begin)) >= iso) return begin;
   MajorantWalk walk = medium.walk(ray, begin, kUnbounded);

@@ -35,6 +35,13 @@ bool HomogeneousShape::contains(const dvec3& p) const {
   return glm::dot(q, q) <= 1.0;
 }
 
+double HomogeneousShape::maximum() const {
+  if (!falloff) return 1;
+  dvec3 lowest;
+  for (int a = 0; a < 3; ++a) lowest[a] = falloff->slope[a] > 0 ? lo[a] : hi[a];
+  return falloff->density(lowest);
+}
+
 Medium::Medium(const BrickGrid& bricks, const dmat4& world_from_index, const Coefficients& coefficients,
                const PhaseFunction& phase)
     : bricks_(&bricks), placement_(world_from_index * translation(dvec3(bricks.origin()))), phase_(phase) {

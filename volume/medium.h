@@ -5,6 +5,7 @@
 #include <optional>
 
 #include "volume/brick_grid.h"
+#include "volume/height_falloff.h"
 #include "volume/instances.h"
 #include "volume/phase_function.h"
 #include "volume/placement.h"
@@ -32,13 +33,25 @@ struct Displacement {
   dvec3 origin_shift{0};       ///< envelope and field local coordinates = density local coordinates + this
 };
 
-/// A density of one and the same value inside a shape.
+/// A density in closed form inside a shape: 1 everywhere, or falling off with height.
 struct HomogeneousShape {
   enum class Shape { kBox, kSphere } shape = Shape::kBox;
   dvec3 lo{-0.5}, hi{0.5};  ///< box corners; a sphere fills the box around it
   /// The interval of a local ray inside, or an empty one (first > second).
   std::pair<double, double> intersect(const Ray& ray) const;
   bool contains(const dvec3& p) const;
+
+  std::optional<HeightFalloff> falloff = std::nullopt;
+  double density(const dvec3& p) const { return !contains(p) ? 0.0 : falloff ? falloff->density(p) : 1.0; }
+  /// Integral of the density along a local ray between two points of intersect().
+  double integral(const Ray& ray, double t0, double t1) const {
+    return falloff ? falloff->integral(ray, t0, t1) : t1 - t0;
+  }
+  /// Where that integral from t0 on reaches a value, as if the shape had no end.
+  double reaches(const Ray& ray, double t0, double value) const {
+    return falloff ? falloff->reaches(ray, t0, value) : t0 + value;
+  }
+  double maximum() const;
 };
 
 /// What turns density into coefficients [1 / world unit per density]; chromatic where the channels differ.
@@ -60,7 +73,7 @@ class Medium {
   /// Grey extinction and Henyey-Greenstein.
   Medium(const BrickGrid& bricks, const dmat4& world_from_index, double sigma_t, const dvec3& albedo, double g)
       : Medium(bricks, world_from_index, {dvec3(sigma_t), albedo}, PhaseFunction::henyey_greenstein(g)) {}
-  /// Homogeneous, bounded.
+  /// In closed form, bounded.
   Medium(const HomogeneousShape& shape, const dmat4& world_from_local, const Coefficients& coefficients,
          const PhaseFunction& phase);
 
@@ -117,6 +130,7 @@ class Medium {
 
   bool empty() const { return !homogeneous_ && (bricks_ == nullptr || bricks_->empty()); }
   const std::optional<HomogeneousShape>& homogeneous() const { return homogeneous_; }
+  bool falls_off() const { return homogeneous_ && homogeneous_->falloff; }
   /// Meaningless for a homogeneous medium.
   const BrickGrid& bricks() const { return *bricks_; }
   const Displacement* displacement() const { return displacement_; }
@@ -162,7 +176,7 @@ class Medium {
 
   /// Density at a local point, displaced where the medium is.
   double density(const dvec3& local) const {
-    if (homogeneous_) return homogeneous_->contains(local) ? 1.0 : 0.0;
+    if (homogeneous_) return homogeneous_->density(local);
     return bricks_->lookup(displacement_ ? displaced(local) : local);
   }
   /// The same at a local point of a segment of walk(), for less.
@@ -173,7 +187,7 @@ class Medium {
   dvec3 displaced(const dvec3& local) const {
     return local - time_ * displacement_->field.lookup(local + displacement_->origin_shift);
   }
-  double maximum_density() const { return homogeneous_ ? 1.0 : bricks_->maximum(); }
+  double maximum_density() const { return homogeneous_ ? homogeneous_->maximum() : bricks_->maximum(); }
   /// Extinction at a local point [1 / world unit], of the largest channel.
   double sigma_t(const dvec3& local) const { return sigma_max_ * density(local); }
 

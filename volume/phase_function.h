@@ -1,10 +1,12 @@
 #pragma once
 #include <algorithm>
 #include <cmath>
+#include <memory>
 #include <numbers>
 
 #include "base/math.h"
 #include "base/vec.h"
+#include "volume/fournier_forand.h"
 
 namespace brume {
 
@@ -45,11 +47,12 @@ struct Draine {
 };
 
 /// What a medium does with a direction: a mixture of up to two lobes, each normalised; the mixture is its own sampling
-/// density. The second lobe exists where its weight is above 0.
+/// density. The second lobe exists where its weight is above 0; `ocean` stands in its place, alone.
 struct PhaseFunction {
   HenyeyGreenstein first;
   Draine second;
   double second_weight = 0;
+  std::shared_ptr<const FournierForand> ocean = nullptr;
 
   static PhaseFunction henyey_greenstein(double g) { return {{g}, {}, 0.0}; }
   static PhaseFunction two_lobes(double g, double g2, double second_weight) { return {{g}, {g2, 0}, second_weight}; }
@@ -59,15 +62,22 @@ struct PhaseFunction {
   /// Source: Jendersie, d'Eon 2023, An Approximate Mie Scattering Function for Fog and Cloud Rendering, eq. 4-7.
   static PhaseFunction mie(double droplet_diameter);
 
+  /// Particles in water. @param index, slope  as FournierForand takes them
+  static PhaseFunction fournier_forand(double index, double slope) {
+    return {{}, {}, 1.0, std::make_shared<const FournierForand>(index, slope)};
+  }
+
   bool is_henyey_greenstein() const { return second_weight == 0; }
   bool isotropic() const { return is_henyey_greenstein() && first.g == 0; }
   /// [1/sr]
   double value(double cos_theta) const {
+    if (ocean) return ocean->value(cos_theta);
     const double a = first.value(cos_theta);
     return second_weight == 0 ? a : a + second_weight * (second.value(cos_theta) - a);
   }
   double sample_cosine(double xi) const {
     if (second_weight == 0) return first.sample_cosine(xi);
+    if (ocean) return ocean->sample_cosine(xi);
     // The lobe is chosen by the same number, stretched back to the whole interval.
     if (xi < second_weight) return second.sample_cosine(xi / second_weight);
     return first.sample_cosine((xi - second_weight) / (1.0 - second_weight));

@@ -5,10 +5,12 @@
 namespace brume {
 namespace {
 
-// The length of a homogeneous medium's chord, from t = 0 to t_max.
-double chord(const Medium& medium, const Ray& local, double t_max) {
-  const auto [t0, t1] = medium.homogeneous()->intersect(local);
-  return std::max(0.0, std::min(t1, t_max) - std::max(t0, 0.0));
+// Of a medium in closed form: the density's integral along its chord, from t = 0 to t_max.
+double density_integral(const Medium& medium, const Ray& local, double t_max) {
+  const HomogeneousShape& shape = *medium.homogeneous();
+  const auto [enters, leaves] = shape.intersect(local);
+  const double t0 = std::max(enters, 0.0), t1 = std::min(leaves, t_max);
+  return t0 < t1 ? shape.integral(local, t0, t1) : 0.0;
 }
 
 }  // namespace
@@ -31,7 +33,7 @@ Collision sample_collision(const Medium& medium, const Ray& local, double t_max,
 
 dvec3 estimate_transmittance(const Medium& medium, const Ray& local, double t_max, Rng& rng,
                              TrackingCounters& counters) {
-  if (medium.homogeneous()) return glm::exp(-medium.coefficients().sigma_t * chord(medium, local, t_max));
+  if (medium.homogeneous()) return glm::exp(-medium.coefficients().sigma_t * density_integral(medium, local, t_max));
   TentativeCollisions points(medium, local, t_max, rng);
   TentativeCollision point;
   dvec3 weight(1);
@@ -46,7 +48,7 @@ dvec3 estimate_transmittance(const Medium& medium, const Ray& local, double t_ma
 }
 
 double optical_depth(const Medium& medium, const Ray& ray, double t_max) {
-  if (medium.homogeneous()) return medium.extinction_per_density() * chord(medium, ray, t_max);
+  if (medium.homogeneous()) return medium.extinction_per_density() * density_integral(medium, ray, t_max);
   MajorantWalk walk = medium.walk(ray, 0.0, t_max);
   const double across = 1e-20 * max_component(glm::abs(ray.d));  // such a ray never reaches the axis's planes
   MajorantWalk::Segment s;

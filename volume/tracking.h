@@ -88,9 +88,10 @@ class TentativeCollisions {
       }
       // Never the same point again, however dense the medium: a flight moves on or ends.
       t_ = std::max(t_ + tau_ / sigma_maj, std::nextafter(t_, kUnbounded));
-      const double density = medium_->homogeneous() ? 1.0
-                             : one_segment_         ? medium_->density(ray_.at(t_))
-                                                    : medium_->density(segment_, ray_.at(t_));
+      const bool even = medium_->homogeneous() && !medium_->falls_off();
+      const double density = even           ? 1.0
+                             : one_segment_ ? medium_->density(ray_.at(t_))
+                                            : medium_->density(segment_, ray_.at(t_));
       counters.look_up();
       counters.majorant_violations += density > majorant;
       point = {t_, density, majorant};
@@ -129,8 +130,8 @@ Collision sample_collision(const Medium& medium, const Ray& local, double t_max,
                            TrackingCounters& counters);
 
 /// Unbiased transmittance of each channel along a ray, by ratio tracking: each tentative collision multiplies the
-/// weight by the null share 1 - sigma_t / sigma_maj. Below 0.05 the weight plays roulette. Exact in a homogeneous
-/// medium.
+/// weight by the null share 1 - sigma_t / sigma_maj. Below 0.05 the weight plays roulette. Exact in media of
+/// closed form.
 ///
 /// @param local  as in TentativeCollisions
 /// @return       in [0, 1]; exactly 1 where the ray misses the medium

@@ -12,10 +12,12 @@ namespace {
 
 constexpr int kSamplesPerVoxel = 2;      // of displaced densities, along each axis
 constexpr double kMostResampled = 16e6;  // points
+constexpr double kLayerVoxel = 0.25;     // of the scale height of a layer
 
 /// By Simpson's rule in the cosine, finer towards the forward peak.
 double mean_cosine_of(const PhaseFunction& phase) {
   if (phase.is_henyey_greenstein()) return phase.first.g;
+  if (phase.ocean) return phase.ocean->mean_cosine();
   constexpr int kSteps = 2000;
   double sum = 0, norm = 0;
   for (int i = 0; i < kSteps; ++i) {
@@ -25,6 +27,11 @@ double mean_cosine_of(const PhaseFunction& phase) {
     norm += weight;
   }
   return sum / norm;
+}
+
+/// Of a layer: change of its height with distance along the steepest direction.
+double steepest(const Medium& layer) {
+  return glm::length(layer.gradient_to_world(layer.homogeneous()->falloff->slope));
 }
 
 dvec3 tint_of(const Medium& medium) {
@@ -102,9 +109,11 @@ GuideMedia::GuideMedia(std::span<const Medium> media, std::span<const EmissionFi
   lo_ = dvec3(std::numeric_limits<double>::infinity());
   hi_ = -lo_;
   voxel_ = std::numeric_limits<double>::infinity();
+  double layer = voxel_;
   const auto take = [&](const Medium& m) {
     enclose(m, lo_, hi_);
     if (!m.homogeneous()) voxel_ = std::min(voxel_, m.voxel_size());
+    if (m.falls_off()) layer = std::min(layer, kLayerVoxel / steepest(m));
   };
   for (const Medium& m : media) {
     displaced_.push_back(m.at_time(time));
@@ -131,6 +140,7 @@ GuideMedia::GuideMedia(std::span<const Medium> media, std::span<const EmissionFi
     take(now.shape());
   }
   if (!std::isfinite(voxel_)) voxel_ = max_component(hi_ - lo_) / 128;
+  voxel_ = std::min(voxel_, layer);
 }
 
 GuideMedia::Point GuideMedia::at(const dvec3& world, GuideColour colour) const {

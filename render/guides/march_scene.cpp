@@ -17,6 +17,7 @@ constexpr double kGentleGradient = 0.03;
 // Steps at once where all media are homogeneous, as far as they are as thin as this: so many in shadows that a sun
 // casts through grids, elsewhere as far as the light at nodes is linear; and of the distance to a lamp.
 constexpr double kEvenStride = 4, kEvenThickness = 0.1, kEvenNodes = 0.5, kEvenDistance = 1.0 / 16;
+constexpr double kLayerStep = 0.25;  // of the scale height of a layer, that a step climbs at most
 constexpr double kNodesPerLookUp = 1;  // of the spacing of nodes, between two look-ups of their fields
 constexpr double kNarrow = 0.99;       // mean cosine of directions that count as one
 // Rays count their steps from a multiple of so many, so that theirs and those of longer strides lie alike in all rays.
@@ -57,6 +58,18 @@ MarchedGrid marched_grid(const GuideMedia& media, size_t medium, GuideColour col
     for (int a = 0; a < 3; ++a) grid.gradient[a][axis] = static_cast<float>(gradient[a]);
   }
   return grid;
+}
+
+/// How far a ray goes until the height in a layer has changed by a part of its scale.
+double longest_through_layers(const GuideMedia& media, const Ray& ray) {
+  double longest = kFar;
+  for (const Medium& m : media.media())
+    if (m.falls_off())
+      m.each_met(ray, kFar, [&](const Medium& one, size_t) {
+        const double climb = std::abs(glm::dot(one.homogeneous()->falloff->slope, one.to_local(ray).d));
+        longest = std::min(longest, climb > 0 ? kLayerStep / climb : kFar);
+      });
+  return longest;
 }
 
 }  // namespace
@@ -130,7 +143,10 @@ MarchedRay& MarchScene::aim(const Ray& ray, double t_max, double stride, double 
   }
   to.last_part = static_cast<uint32_t>(batch.parts.size());
   if (to.misses()) return to;
-  if (steps.even_stride > 1) own_.intervals(ray, t_max, to.uneven, /*uneven=*/true);
+  if (steps.even_stride > 1) {
+    own_.intervals(ray, t_max, to.uneven, /*uneven=*/true);
+    to.level = longest_through_layers(own_, ray);
+  }
   for (size_t i = 0; i < grids.size(); ++i) {
     const Ray local = own_.media()[i].to_local(ray);
     set_place(to.grid[i], local.at(to.start), step * local.d);
@@ -171,7 +187,7 @@ float MarchScene::even_steps(const MarchedRay& ray, float t, float end) const {
       to = std::min(to, begin);
       break;
     }
-  double longest = to - from;
+  double longest = std::min(to - from, ray.level);
   const dvec3 p = ray.ray.at(from);
   for (const MarchedLight& light : lights) {
     if (light.sun) continue;

@@ -27,7 +27,7 @@ struct MarchSteps {
   MarchSteps(const GuideMedia& media, const LightFields& fields, GuideColour colour, double voxels);
 
   double length;            ///< [world units]
-  double even_stride = 1;   ///< steps that are taken at once through homogeneous media
+  double even_stride = 1;   ///< steps that are taken at once through media of closed form
   float gentle_gradient;    ///< of the extinction, per step: below it, gradients count less
   float field_spacing = 0;  ///< between two look-ups of the fields at nodes
 };
@@ -76,7 +76,8 @@ struct MarchedRay {
   std::array<TurnedLight, kMostSharpLights> turned;
   Place nodes;                                    ///< on the fields' lattice
   std::optional<MediaLine> line;                  ///< where media are not looked up in vectors
-  std::vector<std::pair<double, double>> uneven;  ///< where media are not homogeneous
+  std::vector<std::pair<double, double>> uneven;  ///< where media are not of closed form
+  double level = 0;                               ///< the longest step through layers [world units]
   float stride = 1;                               ///< steps are so many times longer, except in thick media
   float offset = 0;                               ///< share of a step by which the first one is shortened
   uint32_t first_part = 0, last_part = 0;         ///< of MarchBatch::parts

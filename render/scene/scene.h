@@ -76,7 +76,9 @@ struct VolumeSettings {
   std::filesystem::path file;
   std::string grid;
   std::string shape = "grid";
-  dvec3 lo{-0.5}, hi{0.5};
+  dvec3 lo{-0.5}, hi{0.5};  ///< equal for a layer without an end
+  std::vector<double> up;   ///< three numbers, or none: the environment's
+  double base_height = 0, scale_height = 1;
   std::string preset = "none";
   dvec3 sigma_t{1.0}, albedo{0.8};
   dvec3 sigma_a{0.0}, sigma_s{0.0};
@@ -89,6 +91,7 @@ struct VolumeSettings {
   double max_density = 0;
   std::string phase = "henyey_greenstein";
   double g = 0.0, g2 = 0.0, lobe_weight = 0.5, droplet_diameter = 20.0, draine_alpha = 1.0;
+  double particle_index = 1.1, size_slope = 3.5835;
   std::string albedo_grid = "none";
   std::filesystem::path albedo_file, temperature_file, flame_file, velocity_file;  ///< empty: `file`
   dvec3 emission{0};
@@ -143,6 +146,7 @@ struct EnvironmentSettings {
   dvec3 sun_direction{0.5, 0.3, 0.6};
   bool sky_sun = true;
   double ground_albedo = 0.2;
+  double altitude = 0, air = 0, metres_per_unit = 1;
   std::string group;
 };
 
@@ -242,6 +246,16 @@ struct Scene {
 /// A medium without an end.
 inline bool is_everywhere(const VolumeSettings& volume) {
   return volume.shape == "everywhere";
+}
+/// Fog that falls off with height, without an end to the sides.
+inline bool is_endless_layer(const VolumeSettings& volume) {
+  return volume.shape == "layer" && volume.lo == volume.hi;
+}
+/// Whether what there is depends on where the camera is.
+inline bool lies_around_camera(const Scene& scene) {
+  return scene.environment.air > 0 || std::any_of(scene.volumes.begin(), scene.volumes.end(), [](const auto& v) {
+           return is_everywhere(v) || is_endless_layer(v);
+         });
 }
 inline bool has_everywhere(const Scene& scene) {
   return std::any_of(scene.volumes.begin(), scene.volumes.end(), is_everywhere);

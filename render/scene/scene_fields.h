@@ -141,15 +141,22 @@ void describe(Visitor& v, EnvironmentSettings& e) {
   v({"up", "", "the direction of the picture's top edge"}, e.up);
   v({"visible_to_camera", "", "whether rays that never scatter see it"}, e.visible_to_camera);
   v({.key = "sky",
-     .help = "preetham: a clear daylight sky, luminance in kcd/m^2 times radiance, and its sun in klux",
-     .choices = {"none", "preetham"}},
+     .help =
+         "preetham: a clear daylight sky, luminance in kcd/m^2 times radiance, and its sun in klux; atmosphere: the same of air, aerosol and ozone around a round planet with all orders of scattering, from noon until the sun is 6 degrees below the horizon",
+     .choices = {"none", "preetham", "atmosphere"}},
     e.sky);
   v({"turbidity", "1", "haze of the sky: 2 is very clear, 10 hazy", 1.9, 10}, e.turbidity);
-  v({"sun_direction", "", "sky: towards its sun, above the horizon"}, e.sun_direction);
+  v({"sun_direction", "", "sky: towards its sun, above the horizon; of an atmosphere at most 6 degrees below it"}, e.sun_direction);
   v({"sky_sun", "", "whether the sky brings its sun"}, e.sky_sun);
   v({"ground_albedo", "1",
      "sky: reflectance of the ground below the horizon, which the sky lights, and with sky_sun its sun", 0, 1},
     e.ground_albedo);
+  v({"altitude", "metres", "atmosphere: of the camera above the sea", 0, 20000}, e.altitude);
+  v({"air", "scene units",
+     "atmosphere: how far to the sides of the camera, and a tenth of it upwards, its air is a medium of the scene, so that what is far off fades into it; the sky begins where that ends; 0: nowhere",
+     0},
+    e.air);
+  v({"metres_per_unit", "metres", "atmosphere: what a scene unit is, for air", 1e-6, 1e6}, e.metres_per_unit);
   v(kGroup, e.group);
 }
 
@@ -191,11 +198,14 @@ void describe(Visitor& v, VolumeSettings& s) {
     s.grid);
   v({.key = "shape",
      .help =
-         "grid: the file's density; box, sphere: density 1 everywhere inside lo .. hi; everywhere: density 1 around camera and lamps, as far as light matters (ten mean free paths on): no light reaches the scene from infinity then",
-     .choices = {"grid", "box", "sphere", "everywhere"}},
+         "grid: the file's density; box, sphere: density 1 everywhere inside lo .. hi; everywhere: density 1 around camera and lamps, as far as light matters (ten mean free paths on): no light reaches the scene from infinity then; layer: fog that falls off with height, density 1 below base_height and exp(-(height - base_height) / scale_height) above, inside lo .. hi or, without them, without an end",
+     .choices = {"grid", "box", "sphere", "everywhere", "layer"}},
     s.shape);
-  v({"lo", "scene units", "box, sphere: lowest corner of the box (around the sphere)"}, s.lo);
-  v({"hi", "scene units", "box, sphere: highest corner"}, s.hi);
+  v({"lo", "scene units", "box, sphere, layer: lowest corner of the box (around the sphere)"}, s.lo);
+  v({"hi", "scene units", "box, sphere, layer: highest corner"}, s.hi);
+  v({"up", "", "layer: the direction in which it falls off; empty: that of [environment]"}, s.up);
+  v({"base_height", "scene units", "layer: along up from the origin; below, it is as dense as it gets"}, s.base_height);
+  v({"scale_height", "scene units", "layer: climb over which it falls to 1 / e", 1e-12}, s.scale_height);
   v({"sigma_t", "1 / scene unit", "extinction per density, grey or RGB", 0}, s.sigma_t);
   v({"albedo", "1", "single-scattering albedo, grey or RGB", 0, 1}, s.albedo);
   v({"sigma_a", "1 / scene unit", "absorption per density; with sigma_s instead of sigma_t and albedo", 0}, s.sigma_a);
@@ -218,14 +228,20 @@ void describe(Visitor& v, VolumeSettings& s) {
     s.max_density);
   v({.key = "phase",
      .help =
-         "henyey_greenstein: g; two_lobes: g and g2 mixed by lobe_weight; mie: water droplets of droplet_diameter, as the fit of Jendersie and d'Eon; draine: dust, henyey_greenstein of g >= 0 times 1 + draine_alpha cos^2; rayleigh: air, draine of 0 and 1",
-     .choices = {"henyey_greenstein", "two_lobes", "mie", "draine", "rayleigh"}},
+         "henyey_greenstein: g; two_lobes: g and g2 mixed by lobe_weight; mie: water droplets of droplet_diameter, as the fit of Jendersie and d'Eon; draine: dust, henyey_greenstein of g >= 0 times 1 + draine_alpha cos^2; rayleigh: air, draine of 0 and 1; fournier_forand: particles in water, of particle_index and size_slope",
+     .choices = {"henyey_greenstein", "two_lobes", "mie", "draine", "rayleigh", "fournier_forand"}},
     s.phase);
   v({"g", "1", "mean cosine, positive forward", -0.999, 0.999}, s.g);
   v({"g2", "1", "two_lobes: mean cosine of the second lobe", -0.999, 0.999}, s.g2);
   v({"lobe_weight", "1", "two_lobes: share of the second lobe", 0, 1}, s.lobe_weight);
   v({"draine_alpha", "1", "draine: weight of the squared cosine", 0, 1e3}, s.draine_alpha);
   v({"droplet_diameter", "micrometres", "mie: of the droplets", 5, 50}, s.droplet_diameter);
+  v({"particle_index", "1", "fournier_forand: index of refraction of the particles over that of the water", 1.01, 1.35},
+    s.particle_index);
+  v({"size_slope", "1",
+     "fournier_forand: the number of particles falls with this power of their size; 3.5835 with an index of 1.1 turns 1.83 % of the light back, as measured in the sea",
+     3.2, 4.9},
+    s.size_slope);
   v({"albedo_grid", "",
      "colour grid that multiplies albedo; none, or auto: color, Cd and such names, if there is one; or three grids, such as Cd_r, Cd_g, Cd_b"},
     s.albedo_grid);

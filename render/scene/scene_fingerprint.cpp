@@ -191,7 +191,7 @@ std::string world_of(const Scene& scene) {
   camera.focus_distance = any_camera.focus_distance;
   camera.blades = any_camera.blades;
   camera.blade_rotation = any_camera.blade_rotation;
-  if (has_everywhere(scene)) camera = scene.camera;  // the medium lies around it
+  if (lies_around_camera(scene)) camera = scene.camera;
   add(camera);
   RenderSettings render = scene.render;
   const RenderSettings any_render;

@@ -100,6 +100,24 @@ void take_field_files(const Parser& parser, VolumeSettings& v, const toml::value
   }
 }
 
+/// A layer has both corners of a box, or none and no end. @throws InputError
+void check_layer(const Parser& parser, VolumeSettings& v, const toml::value& table) {
+  if (parser.has("lo") != parser.has("hi"))
+    fail_at(parser.has("lo") ? "'lo' stands without 'hi'" : "'hi' stands without 'lo'",
+            table.at(parser.has("lo") ? "lo" : "hi"), "expected both, or neither: a layer without an end");
+  if (!parser.has("lo")) {
+    v.lo = v.hi = dvec3(0);
+    for (const char* key : {"object_to_world", "object_to_world_end"})
+      if (parser.has(key))
+        fail_at(fmt::format("'{}' stands beside a layer without an end", key), table.at(key),
+                "add lo and hi, or remove it: up and base_height say where the layer lies");
+  }
+  if (!v.up.empty() && (v.up.size() != 3 || !(glm::length(dvec3(v.up[0], v.up[1], v.up[2])) > 0)))
+    fail_at("'up' is no direction", table.at("up"), "expected three numbers that are not all 0");
+  if (v.emission != dvec3(0))
+    fail_at("a layer cannot emit", table.at("emission"), "remove it: only shapes of even density and grids emit");
+}
+
 /// Whichever way the coefficients are given, they become sigma_t and albedo.
 void check_volume(Parser& parser, VolumeSettings& v, const toml::value& table) {
   const auto conflict = [&](std::initializer_list<const char*> keys, const std::string& with) {
@@ -117,17 +135,26 @@ void check_volume(Parser& parser, VolumeSettings& v, const toml::value& table) {
              fmt::format("shape = \"{}\"", v.shape));
     if (v.shape == "everywhere")
       conflict({"lo", "hi", "object_to_world", "object_to_world_end"}, "shape = \"everywhere\"");
-    if (!glm::all(glm::lessThan(v.lo, v.hi))) fail_at("'lo' is not below 'hi'", table, "expected a box with a volume");
+    if (v.shape == "layer") check_layer(parser, v, table);
+    if (!is_endless_layer(v) && !glm::all(glm::lessThan(v.lo, v.hi))) fail_at("'lo' is not below 'hi'", table, "expected a box with a volume");
   }
   take_field_files(parser, v, table);
+  if (v.shape != "layer")
+    for (const char* key : {"up", "base_height", "scale_height"})
+      if (parser.has(key))
+        fail_at(fmt::format("'{}' has no meaning for shape = \"{}\"", key, v.shape), table.at(key),
+                "set shape = \"layer\", or remove it");
   for (const auto& [key, phase] : {std::pair("g2", "two_lobes"),
                                    {"lobe_weight", "two_lobes"},
                                    {"droplet_diameter", "mie"},
-                                   {"draine_alpha", "draine"}})
+                                   {"draine_alpha", "draine"},
+                                   {"particle_index", "fournier_forand"},
+                                   {"size_slope", "fournier_forand"}})
     if (parser.has(key) && v.phase != phase)
       fail_at(fmt::format("'{}' has no meaning for phase = \"{}\"", key, v.phase), table.at(key),
               fmt::format("set phase = \"{}\", or remove it", phase));
   if (v.phase == "rayleigh") conflict({"g"}, "phase = \"rayleigh\"");
+  if (v.phase == "fournier_forand") conflict({"g"}, "phase = \"fournier_forand\"");
   if (v.phase == "draine" && v.g < 0)
     fail_at("'g' of phase = \"draine\" is negative", table.at("g"), "expected 0 .. 0.999");
   if (by_parts) {
@@ -219,8 +246,21 @@ void check_instances(const Parser& parser, InstanceSettings& s, const toml::valu
 void check_environment(const Parser& parser, const EnvironmentSettings& e, const toml::value& table) {
   check_group(parser, e.group, true, table);
   if (!(glm::length(e.up) > 0)) fail_at("'up' is zero", table.at("up"), "expected a direction");
+  if (e.sky != "atmosphere")
+    for (const char* key : {"altitude", "air", "metres_per_unit"})
+      if (parser.has(key))
+        fail_at(fmt::format("'{}' has no meaning for sky = \"{}\"", key, e.sky), table.at(key),
+                "set sky = \"atmosphere\", or remove it");
   if (e.sky == "none") return;
   if (parser.has("file")) fail_at("'file' stands beside 'sky'", table.at("file"), "remove one of the two");
+  if (e.sky == "atmosphere") {
+    const double sine = glm::dot(glm::normalize(e.sun_direction), glm::normalize(e.up));
+    if (!(sine > -0.1046))  // sin 6 degrees, and rounding
+      fail_at("'sun_direction' lies more than 6 degrees below the horizon",
+              parser.has("sun_direction") ? table.at("sun_direction") : table,
+              "expected a direction above that: there is no light of the night in the model");
+    return;
+  }
   if (!(glm::dot(e.sun_direction, e.up) > 0))
     fail_at("'sun_direction' lies below the horizon", parser.has("sun_direction") ? table.at("sun_direction") : table,
             "expected a direction above it: the model is one of daylight");

@@ -140,25 +140,22 @@ MediaFlights::Flown MediaFlights::fly(const SlotList& rays) {
   return {*this, rays};
 }
 
-/// The part of a path's ray that lies inside a homogeneous medium.
-std::pair<double, double> MediaFlights::part_in_shape(size_t m, size_t slot, const Ray& ray, double end) const {
-  return part_inside(bounds_[m], to_local(m, slot, ray), end);
-}
-
-/// Calls visit(t0, t1, extinction per that of the medium, instance) for the parts of a path's ray that lie inside a
-/// homogeneous medium. @param end  may become less meanwhile
+/// Calls visit(local ray, t0, t1, extinction per that of the medium, instance) for the parts of a path's ray that lie
+/// inside a medium of closed form. @param end  may become less meanwhile
 template <class Visit>
 void MediaFlights::each_part_in_shape(size_t m, size_t slot, const Ray& ray, const double& end,
                                       const Visit& visit) const {
   const Instances* const instances = c_.media[m].instances();
   if (!instances) {
-    if (const auto [t0, t1] = part_in_shape(m, slot, ray, end); t0 < t1) visit(t0, t1, 1.0, size_t{0});
+    const Ray local = to_local(m, slot, ray);
+    if (const auto [t0, t1] = part_inside(bounds_[m], local, end); t0 < t1) visit(local, t0, t1, 1.0, size_t{0});
     return;
   }
   instances->each_met(ray, end, [&](size_t number) {
     const Instance& one = (*instances)[number];
-    if (const auto [t0, t1] = part_inside(bounds_[m], one.to_local(ray), end); t0 < t1)
-      visit(t0, t1, one.density, number);
+    const Ray local = one.to_local(ray);
+    if (const auto [t0, t1] = part_inside(bounds_[m], local, end); t0 < t1)
+      visit(local, t0, t1, one.density, number);
   });
 }
 
@@ -166,10 +163,12 @@ void MediaFlights::each_part_in_shape(size_t m, size_t slot, const Ray& ray, con
 void MediaFlights::fly_through_shape(size_t m, const SlotList& rays) {
   for (const size_t i : rays) {
     const double sigma = c_.media[m].coefficients().sigma_t[c_.plan.chromatic ? p_.hero[i] : 0];
-    each_part_in_shape(m, i, w_.ray[i], w_.end[i], [&](double t0, double t1, double density, size_t instance) {
-      const double t = t0 + PathGenerator(p_, i).exponential() / (sigma * density);
-      if (t < t1) collide(i, t, m, instance);
-    });
+    each_part_in_shape(m, i, w_.ray[i], w_.end[i],
+                       [&](const Ray& local, double t0, double t1, double density, size_t instance) {
+                         const double depth = PathGenerator(p_, i).exponential() / (sigma * density);
+                         const double t = bounds_[m].reaches(local, t0, depth);
+                         if (t < t1) collide(i, t, m, instance);
+                       });
   }
 }
 
@@ -246,13 +245,14 @@ void MediaFlights::passing(const SlotList& rays, const std::array<double, kPool>
   }
 }
 
-/// Each channel's probability density of passing a homogeneous medium, up to a factor that all have.
+/// Each channel's probability density of passing a medium of closed form, up to a factor that all have.
 dvec3 MediaFlights::density_in_shape(size_t m, size_t i, double end) const {
   const Medium& medium = c_.media[m];
   if (!medium.chromatic()) return dvec3(1);
-  const auto [t0, t1] = part_in_shape(m, i, w_.ray[i], end);
+  const Ray local = to_local(m, i, w_.ray[i]);
+  const auto [t0, t1] = part_inside(bounds_[m], local, end);
   const dvec3 sigma = medium.coefficients().sigma_t;
-  return t0 < t1 ? glm::exp((sigma[p_.hero[i]] - sigma) * (t1 - t0)) : dvec3(1);
+  return t0 < t1 ? glm::exp((sigma[p_.hero[i]] - sigma) * bounds_[m].integral(local, t0, t1)) : dvec3(1);
 }
 
 void MediaFlights::weigh_channels(const SlotList& rays) {
@@ -314,8 +314,8 @@ void MediaFlights::dim(size_t medium, size_t i, const dvec3& passes) {
 
 void MediaFlights::shadow_through_shape(size_t m, const SlotList& rays) {
   for (const size_t i : rays) {
-    each_part_in_shape(m, i, w_.shadow[i], w_.shadow_end[i], [&](double t0, double t1, double density, size_t) {
-      dim(m, i, glm::exp(-c_.media[m].coefficients().sigma_t * density * (t1 - t0)));
+    each_part_in_shape(m, i, w_.shadow[i], w_.shadow_end[i], [&](const Ray& local, double t0, double t1, double density, size_t) {
+      dim(m, i, glm::exp(-c_.media[m].coefficients().sigma_t * density * bounds_[m].integral(local, t0, t1)));
     });
   }
 }

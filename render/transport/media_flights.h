@@ -13,7 +13,7 @@
 
 namespace brume {
 
-/// Flights and shadow rays through any number of media: homogeneous shapes in closed form; grids in SIMD lanes; and, in
+/// Flights and shadow rays through any number of media: shapes in closed form; grids in SIMD lanes; and, in
 /// double precision and one after the other, grids that single precision does not resolve.
 class MediaFlights {
  public:
@@ -74,7 +74,6 @@ class MediaFlights {
   Ray to_local(size_t medium, size_t slot, const Ray& ray) const {
     return (placed_[medium] ? (*placed_[medium])[slot] : c_.media[medium].placement().to_local())(ray);
   }
-  std::pair<double, double> part_in_shape(size_t medium, size_t slot, const Ray& ray, double end) const;
   Start start_in_grid(size_t slot, const PathRequest& request);
   bool met_by(const Ray& ray, double time) const;
   template <class Left, class Walk>

@@ -36,6 +36,11 @@ Environment::Environment(const EnvironmentSettings& s, const Task& task)
   set_picture(picture, s);
 }
 
+Environment::Environment(const EnvironmentSettings& s, const Layers& sky)
+    : InfiniteLight(s.visible_to_camera), radiance_(s.radiance), mean_(s.radiance) {
+  set_picture(sky, s);
+}
+
 void Environment::set_picture(const Layers& picture, const EnvironmentSettings& s) {
   width_ = picture.width();
   height_ = picture.height();

@@ -15,6 +15,8 @@ class Environment : public InfiniteLight {
   /// Values that are not usable are repaired and told in notes() (image/usable_colors.h).
   /// @throws InputError: unreadable file, no RGB in it, chromaticities that are none
   explicit Environment(const EnvironmentSettings& settings, const Task& task = {});
+  /// Of a sky that is a picture already.
+  Environment(const EnvironmentSettings& settings, const Layers& sky);
 
   bool black() const { return picture_.empty() && radiance_ == dvec3(0); }
   bool constant() const { return picture_.empty(); }

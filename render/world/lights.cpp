@@ -6,6 +6,7 @@
 #include <set>
 #include <tuple>
 
+#include "render/world/atmosphere_sky.h"
 #include "render/world/everywhere.h"
 #include "render/world/sky.h"
 
@@ -102,11 +103,18 @@ Lights::Lights(const Scene& scene, const dvec3& world_shift, const Task& task) :
   const dvec3 from_infinity = light_from_infinity(scene);
   EnvironmentSettings around = scene.environment;
   around.radiance *= from_infinity;
-  auto environment = std::make_unique<Environment>(around, task);
+  std::vector<LightSettings> settings = scene.lights;
+  std::unique_ptr<Environment> environment;
+  if (around.sky == "atmosphere") {
+    const AtmosphereSky sky(scene, task);
+    environment = std::make_unique<Environment>(around, sky.picture());
+    if (around.sky_sun && max_component(sky.sun().irradiance) > 0) settings.push_back(sky.sun());
+  } else {
+    environment = std::make_unique<Environment>(around, task);
+  }
   environment_ = environment.get();
   if (!environment->black()) infinite_.push_back(environment_);
   all_.push_back(std::move(environment));
-  std::vector<LightSettings> settings = scene.lights;
   if (scene.environment.sky == "preetham" && scene.environment.sky_sun)
     settings.push_back(preetham_sun(scene.environment));
   all_.back()->group = groups_.environment;

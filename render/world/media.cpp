@@ -6,6 +6,7 @@
 #include <tuple>
 
 #include "base/error.h"
+#include "render/world/atmosphere_sky.h"
 #include "render/world/everywhere.h"
 #include "render/world/instance_files.h"
 #include "render/world/volume_fields.h"
@@ -28,6 +29,7 @@ PhaseFunction phase_of(const VolumeSettings& v) {
   if (v.phase == "draine") return PhaseFunction::draine(v.g, v.draine_alpha);
   if (v.phase == "rayleigh") return PhaseFunction::draine(0, 1);
   if (v.phase == "mie") return PhaseFunction::mie(v.droplet_diameter);
+  if (v.phase == "fournier_forand") return PhaseFunction::fournier_forand(v.particle_index, v.size_slope);
   return PhaseFunction::henyey_greenstein(v.g);
 }
 
@@ -65,10 +67,12 @@ struct SceneMedia::Places {
     if (scene.instances.empty()) {
       for (size_t i = 0; i < scene.volumes.size(); ++i) volume.push_back(i);
       instances.resize(scene.volumes.size());
+      add_air(scene);
       return;
     }
     world.volumes.clear();
     for (size_t i = 0; i < scene.volumes.size(); ++i) add(scene, i);
+    add_air(scene);
   }
 
   Scene world;
@@ -77,6 +81,11 @@ struct SceneMedia::Places {
 
  private:
   static constexpr size_t kMostCopies = 256;
+
+  void add_air(const Scene& scene) {
+    size_t number = scene.volumes.size();
+    for (const VolumeSettings& v : air_of(scene)) add(v, number++);
+  }
 
   void add(const Scene& scene, size_t i) {
     const VolumeSettings& v = scene.volumes[i];
@@ -223,15 +232,23 @@ class SceneMedia::Loader {
   void load_shape() {
     HomogeneousShape shape{v_.shape == "sphere" ? HomogeneousShape::Shape::kSphere : HomogeneousShape::Shape::kBox,
                            v_.lo, v_.hi};
+    dmat4 object_from_local(1);
     if (is_everywhere(v_)) {
       const EverywhereBox box = everywhere_box(scene_, v_);
       shape.lo = box.lo, shape.hi = box.hi;
     }
-    shift_world_to(dvec3(first_place() * glm::dvec4(0.5 * (shape.lo + shape.hi), 1.0)));
-    Medium medium(shape, world_from_object(), {v_.sigma_t, v_.albedo}, phase_of(v_));
-    if (moves_ && shutter_opens_) medium.set_motion(translation(-into_.world_shift_) * v_.object_to_world_end);
+    if (v_.shape == "layer") {
+      const LayerPlace place = layer_place(scene_, v_);
+      shape.lo = place.box.lo, shape.hi = place.box.hi;
+      shape.falloff = place.falloff;
+      object_from_local = place.object_from_local;
+    }
+    shift_world_to(dvec3(first_place() * object_from_local * glm::dvec4(0.5 * (shape.lo + shape.hi), 1.0)));
+    Medium medium(shape, world_from_object() * object_from_local, {v_.sigma_t, v_.albedo}, phase_of(v_));
+    if (moves_ && shutter_opens_)
+      medium.set_motion(translation(-into_.world_shift_) * v_.object_to_world_end * object_from_local);
     if (v_.emission != dvec3(0)) into_.emissions_.emplace_back(medium, v_.emission);
-    if (medium.extinction_per_density() > 0) add_medium(medium, dmat4(1));
+    if (medium.extinction_per_density() > 0) add_medium(medium, object_from_local);
   }
 
   /// @param object_from_local  of the medium's coordinates

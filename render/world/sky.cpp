@@ -8,16 +8,6 @@
 namespace brume {
 namespace {
 
-// The picture's frame: its middle faces `forward`, as Environment places it.
-struct SkyFrame {
-  dvec3 up, forward, right;
-  explicit SkyFrame(const dvec3& up_direction) : up(glm::normalize(up_direction)) {
-    const dvec3 reference = std::abs(up.z) > 0.5 ? dvec3(0, 1, 0) : dvec3(0, 0, -1);
-    right = glm::normalize(glm::cross(reference, up));
-    forward = glm::cross(up, right);
-  }
-};
-
 struct Perez {
   double a, b, c, d, e;
   double operator()(double cos_theta, double gamma) const {
@@ -39,6 +29,12 @@ dvec3 rgb_of_xyy(double x, double y, double Y) {
 }
 
 }  // namespace
+
+SkyFrame::SkyFrame(const dvec3& up_direction) : up(glm::normalize(up_direction)) {
+  const dvec3 reference = std::abs(up.z) > 0.5 ? dvec3(0, 1, 0) : dvec3(0, 0, -1);
+  right = glm::normalize(glm::cross(reference, up));
+  forward = glm::cross(up, right);
+}
 
 Layers preetham_sky(const EnvironmentSettings& s) {
   const SkyFrame frame(s.up);

@@ -4,6 +4,12 @@
 
 namespace brume {
 
+/// A lat-long picture's frame: its middle faces `forward`, as Environment places it.
+struct SkyFrame {
+  dvec3 up, forward, right;
+  explicit SkyFrame(const dvec3& up_direction);
+};
+
 /// A clear daylight sky as a lat-long picture of the kind EnvironmentSettings::file takes, luminance in kcd/m^2. Below
 /// the horizon lies a diffuse ground lit by that sky, and by its sun where that is part of it.
 /// Source: Preetham, Shirley, Smits 1999, A Practical Analytic Model for Daylight, appendix A.2.

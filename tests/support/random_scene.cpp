@@ -18,6 +18,9 @@ namespace {
 
 namespace fs = std::filesystem;
 
+// Seeds beyond it hold a layer of fog, too; the others are the scenes that they were before there was one.
+constexpr uint64_t kLastWithoutFog = 1000;
+
 std::string text_of(double v) {
   return fmt::format("{:.3g}", v);
 }
@@ -42,6 +45,7 @@ class Writer {
     const int surfaces = below(3);
     for (int i = 0; i < surfaces; ++i) surface(i);
     lights();
+    if (seed_ > kLastWithoutFog) fog();
     RandomScene result;
     result.seed = seed_;
     result.toml = "name = \"random_" + std::to_string(seed_) + "\"\n" + camera_ + environment_ + tables_;
@@ -179,6 +183,35 @@ class Writer {
     if (chance(0.2)) {
       is("emissive");
       line("emission", 0.3 / body.radius * tint(0.1, 1));
+    }
+  }
+
+  /// A layer that falls off with height, around everything or in a box.
+  void fog() {
+    tables_ += "\n[[volumes]]\n";
+    name("shape", "layer");
+    if (chance(0.5)) {
+      is("endless layer");
+    } else {
+      is("layer");
+      line("lo", first_.centre - dvec3{between(1, 2.5), between(1, 2.5), 1.1});
+      line("hi", first_.centre + dvec3{between(1, 2.5), between(1, 2.5), between(0.2, 2)});
+    }
+    line("up", dvec3{between(-0.2, 0.2), between(-0.2, 0.2), 1});
+    line("base_height", between(-0.3, 0.8));
+    line("scale_height", between_logarithmically(0.2, 1.5));
+    const double sigma = between_logarithmically(0.05, 0.4);
+    const bool chromatic = chance(0.3);
+    if (chromatic) is("chromatic");
+    line("sigma_t", chromatic ? sigma * tint(0.5, 1.5) : dvec3(sigma));
+    line("albedo", tint(0.6, 0.99));
+    if (chance(0.4)) {
+      is("fournier_forand");
+      name("phase", "fournier_forand");
+      line("particle_index", between(1.05, 1.2));
+      line("size_slope", between(3.6, 4.6));
+    } else {
+      line("g", between(-0.2, 0.7));
     }
   }
 

@@ -18,7 +18,7 @@ export function suns(viewer: Viewer): Sun[] {
     .groups("lights")
     .filter(({ path }) => viewer.value(`${path}.type`) === "sun" && viewer.value(`${path}.enabled`) !== false)
     .map(({ path }) => ({ key: `${path}.direction`, title: viewer.values.title(path) }));
-  return viewer.value("environment.sky") === "preetham"
+  return ["preetham", "atmosphere"].includes(String(viewer.value("environment.sky")))
     ? [...lights, { key: "environment.sun_direction", title: "sky" }]
     : lights;
 }
@@ -67,7 +67,8 @@ function sunlight(viewer: Viewer): Vec3 {
     }
   const sky = channels(viewer.value("environment.radiance"));
   // A clear sky's sun brings about 100 klux; a constant sky of radiance L the irradiance pi L.
-  const factor = viewer.value("environment.sky") === "preetham" ? 100 : Math.PI;
+  const sunny = ["preetham", "atmosphere"].includes(String(viewer.value("environment.sky")));
+  const factor = sunny ? 100 : Math.PI;
   if (Math.max(...sky) > 0) return sky.map((v) => v * factor) as unknown as Vec3;
   const white = 3 / (Number(viewer.value("film.exposure")) || 1);
   return [white, white, white];

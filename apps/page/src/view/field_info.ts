@@ -2,6 +2,11 @@
 import type { Value } from "./assignments";
 import type { Field } from "./protocol";
 
+function phaseFields(phase: Value | undefined): string[] {
+  if (phase === "mie") return ["droplet_diameter"];
+  return phase === "fournier_forand" ? ["particle_index", "size_slope"] : ["g"];
+}
+
 /** The fields that matter for what the table's other fields say, most used first; all others come under "more". */
 export function mainFields(path: string, value: (key: string) => Value | undefined): string[] {
   switch (path.split(".")[0]) {
@@ -12,14 +17,19 @@ export function mainFields(path: string, value: (key: string) => Value | undefin
           ? ["density", "color", "absorption_color", "g"]
           : preset === "standard_volume"
             ? ["density", "scatter", "scatter_color", "transparent", "transparent_depth", "g"]
-            : ["sigma_t", "density", "albedo", ...(value("phase") === "mie" ? ["droplet_diameter"] : ["g"])];
+            : ["sigma_t", "density", "albedo", ...phaseFields(value("phase"))];
       const lobes = value("phase") === "two_lobes" ? ["g2", "lobe_weight"] : [];
       const named = (key: string) => typeof value(key) === "string" && value(key) !== "none" && value(key) !== "";
       const heat = named("temperature_grid")
         ? ["temperature_grid", "temperature_offset", "temperature_scale", "blackbody_intensity"]
         : ["temperature_grid"];
       const flame = named("flame_grid") ? ["flame_grid", "flame_intensity"] : [];
-      const shape = value("shape") === "box" || value("shape") === "sphere" ? ["lo", "hi"] : ["grid"];
+      const shape =
+        value("shape") === "layer"
+          ? ["base_height", "scale_height"]
+          : value("shape") === "box" || value("shape") === "sphere"
+            ? ["lo", "hi"]
+            : ["grid"];
       return [...medium, ...lobes, "emission", ...heat, ...flame, ...shape];
     }
     case "lights":
@@ -40,7 +50,8 @@ export function mainFields(path: string, value: (key: string) => Value | undefin
     case "environment": {
       const sky =
         value("sky") !== undefined && value("sky") !== "none" ? ["turbidity", "sun_direction", "sky_sun"] : [];
-      return ["radiance", "sky", ...sky, ...(value("file") ? ["rotation"] : [])];
+      const air = value("sky") === "atmosphere" ? ["altitude", "air", "metres_per_unit"] : [];
+      return ["radiance", "sky", ...sky, ...air, ...(value("file") ? ["rotation"] : [])];
     }
     case "surfaces":
       return ["material", "albedo", ...(value("material") === "diffuse" ? [] : ["roughness", "ior"]), "radiance"];
