@@ -128,6 +128,10 @@ class Medium {
     instances_->each_around(world, [&](size_t i) { visit(instance(i), i); });
   }
 
+  /// Whether camera rays that end in it see nothing there.
+  bool holdout() const { return holdout_; }
+  void set_holdout(bool holdout) { holdout_ = holdout; }
+
   bool empty() const { return !homogeneous_ && (bricks_ == nullptr || bricks_->empty()); }
   const std::optional<HomogeneousShape>& homogeneous() const { return homogeneous_; }
   bool falls_off() const { return homogeneous_ && homogeneous_->falloff; }
@@ -214,7 +218,7 @@ class Medium {
   const Displacement* displacement_ = nullptr;
   const Instances* instances_ = nullptr;
   double time_ = 0, majorant_scale_ = 1;
-  bool global_majorant_ = false;
+  bool global_majorant_ = false, holdout_ = false;
   Coefficients coefficients_;
   double sigma_max_ = 0;
   dvec3 ratio_{1};

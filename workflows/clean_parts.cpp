@@ -135,6 +135,8 @@ void clean_parts(const FilterSettings& filter, const ApplyOptions& options, Laye
   for (const LayerName& part : direct) clean(part, layer::direct);
   for (const LayerName& part : indirect) clean(part, layer::indirect);
   if (frame.has(layer::surface_emission)) clean(layer::surface_emission, layer::direct);
+  for (const LayerName& l : {layer::catcher, layer::catcher_unshadowed})
+    if (frame.has(l)) clean(l, layer::direct);
   if (frame.has(layer::transmittance) && !transmittance_of_guides(frame)) clean(layer::transmittance, layer::direct);
   const bool whole_direct = has_all(kPartsOfDirect), whole_indirect = has_all(kPartsOfIndirect);
   if (frame.has(layer::clean_direct) && frame.has(layer::clean_indirect)) {

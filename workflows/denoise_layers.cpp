@@ -8,6 +8,7 @@
 #include "base/error.h"
 #include "filters/api/recommend.h"
 #include "filters/api/requirements.h"
+#include "image/cryptomatte.h"
 #include "image/foreign.h"
 #include "image/light_layers.h"
 #include "workflows/denoise_frame.h"
@@ -52,6 +53,7 @@ class GivenFrame {
     for (const std::string& name : frame.names())
       if (whole || name.starts_with(kLightPrefix)) channels.insert(name);
     channels.insert({"R", "G", "B"});
+    for (const std::string& name : matte_channels(frame)) channels.insert(name);
     changed_ = part_of(frame, channels);
     adopt_foreign_layers(*changed_);
     if (again) {

@@ -8,6 +8,7 @@
 #include "base/error.h"
 #include "filters/api/registry.h"
 #include "filters/api/requirements.h"
+#include "image/cryptomatte.h"
 #include "image/exr_io.h"
 #include "image/light_layers.h"
 #include "workflows/clean_lights.h"
@@ -65,6 +66,7 @@ void OwnFrame::read(const DenoisePlan& plan) {
   for (const std::string& name : layer::noisy.channel_names()) channels.insert(name);
   for (const std::string& name : known.names())
     if (name.starts_with(kLightPrefix)) channels.insert(name);
+  for (const std::string& name : matte_channels(known)) channels.insert(name);
   window_.keep(files_, plan.others);
   frame_ = &window_.get(files_, channels, host_, &file_);
   if (const std::string line = note_of_colors(files_.frame.string(), frame_->header, !files_.guides.empty());
@@ -141,6 +143,7 @@ CleanLayers run_filter(const FilterSettings& filter, const Layers& frame, const 
   for (const std::string& line : report.notes) host.note(line);
   const Stopwatch watch;
   clean_lights(filter, how, frame, clean, host.silent());
+  for (const std::string& channel : matte_channels(frame)) clean.set(channel, frame.at(channel));
   stamp(clean);
   return {std::move(clean), report.seconds + watch.seconds()};
 }

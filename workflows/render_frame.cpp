@@ -17,6 +17,7 @@
 #include "workflows/clean.h"
 #include "workflows/deep_frame.h"
 #include "workflows/finished_frame.h"
+#include "workflows/matte_frame.h"
 #include "workflows/motion.h"
 #include "workflows/scene.h"
 #include "workflows/version.h"
@@ -135,6 +136,7 @@ struct Setup {
     layers.records = !o.records.empty();
     if (!o.clean_filter.empty()) set_cleaner();
     if (!o.deep.empty() || layers.depths || layers.motion) set_deep();
+    if (layers.mattes()) set_mattes();
     set_job();
   }
 
@@ -156,6 +158,12 @@ struct Setup {
     drop_guides = !cleaner && !layers.guides;
     layers.guides = true;
     job.deep_samples = options.deep_samples;
+  }
+
+  void set_mattes() {
+    if (options.part)
+      throw InputError("mattes are the whole picture's, and so is its alpha then; expected --layers cryptomatte without --part");
+    job.mattes = true;
   }
 
   void set_job() {
@@ -420,6 +428,7 @@ RenderedFrame render_frame(const RenderOptions& options, const Host& host) {
     if (watcher) watcher->show(result.layers);
   }
   if (result.deep) use_depths(s, *result.deep, result.layers);
+  if (result.mattes) add_mattes(*result.mattes, s.layers, s.scene.render, !s.options.deep.empty(), result.layers);
   if (updated)
     updated->show(result.layers, result.report.mean_samples_per_pixel,
                   s.cleaner ? clean_error_of(s) : result.report.error, true);

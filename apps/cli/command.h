@@ -37,6 +37,7 @@ void add_view(CLI::App& app, Common& common, Commands& commands);
 void add_guides(CLI::App& app, Common& common, Commands& commands);
 void add_merge(CLI::App& app, Common& common, Commands& commands);
 void add_flatten(CLI::App& app, Common& common, Commands& commands);
+void add_matte(CLI::App& app, Common& common, Commands& commands);
 void add_mix(CLI::App& app, Common& common, Commands& commands);
 void add_submit(CLI::App& app, Common& common, Commands& commands);
 void add_denoise(CLI::App& app, Common& common, Commands& commands);

@@ -10,6 +10,7 @@
 #include "apps/cli/command.h"
 #include "base/error.h"
 #include "base/text.h"
+#include "image/cryptomatte.h"
 #include "image/exr_deep.h"
 #include "image/exr_io.h"
 #include "image/foreign.h"
@@ -177,6 +178,29 @@ void describe_deep(const std::string& path, std::string& text, json& j) try {
   j["deep"] = {{"error", error.what()}};
 }
 
+/// Its Cryptomatte layers and the names of their things.
+json describe_mattes(const std::string& path, const ExrInfo& info, std::string& text) {
+  std::vector<std::string> names;
+  for (const ExrInfo::Channel& channel : info.channels) names.push_back(channel.name);
+  std::vector<MatteLayer> layers = matte_layers(info.header, names);
+  read_manifests(layers, path);
+  json all = json::array();
+  for (const MatteLayer& layer : layers) {
+    json j = {{"name", layer.name}, {"levels", layer.ranks.size()}, {"manifest", json::object()}};
+    std::vector<std::string> things;
+    for (const auto& [name, id] : layer.manifest) {
+      things.push_back(name);
+      j["manifest"][name] = matte_hex(id);
+    }
+    if (!layer.problem.empty()) j["problem"] = layer.problem;
+    text += fmt::format("  Cryptomatte {}, {} levels: {}{}\n", layer.name, layer.ranks.size(),
+                        things.empty() ? "without a manifest" : join(things),
+                        layer.problem.empty() ? "" : "; " + layer.problem);
+    all.push_back(j);
+  }
+  return all;
+}
+
 /// The parts of a file that has several, and the views of one that names them.
 json describe_parts(const ExrInfo& info, std::string& text) {
   json parts = json::array();
@@ -205,10 +229,12 @@ int info_exr(const std::string& path, bool as_json) {
     text += fmt::format("  data window {}, display window {}\n", info.data.text(), info.display.text());
   for (const auto& [name, value] : info.header) {
     header[name] = to_json(value);
+    if (name.starts_with("cryptomatte/")) continue;  // below
     const std::string shown = header[name].is_string() ? header[name].get<std::string>() : header[name].dump();
     text += fmt::format("  {} = {}\n", name, join(split(shown, '\n'), "\n      "));
   }
   const json parts = describe_parts(info, text);
+  const json mattes = describe_mattes(path, info, text);
   json pictures = json::array(), deep;
   if (std::any_of(info.parts.begin(), info.parts.end(), [](const ExrInfo::Part& p) { return p.deep(); }))
     describe_deep(path, text, deep);
@@ -230,6 +256,7 @@ int info_exr(const std::string& path, bool as_json) {
            {"views", info.views},
            {"parts", parts},
            {"pictures", pictures},
+           {"mattes", mattes},
            {"channels", channels},
            {"header", header}};
   all.update(deep.is_null() ? json::object() : deep);

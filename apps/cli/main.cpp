@@ -75,6 +75,7 @@ int run(int argc, char** argv) {
   add_merge(app, common, commands);
   add_mix(app, common, commands);
   add_flatten(app, common, commands);
+  add_matte(app, common, commands);
   add_submit(app, common, commands);
   add_denoise(app, common, commands);
   add_compare(app, common, commands);

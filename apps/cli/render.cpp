@@ -144,7 +144,7 @@ void add_render(CLI::App& app, Common& common, Commands& commands) {
   command("-D", r.overrides, "set a key of the scene: -D camera.fov=30")->allow_extra_args(false);
   command(
       "--layers", o.layers,
-      "layers to record, none, or all; guides, depths and light_parts are several; with --clean direct,indirect unless given")
+      "layers to record, none, or all; guides, depths, light_parts and cryptomatte are several; with --clean direct,indirect unless given")
       ->capture_default_str();
   command("--no-statistics", o.no_statistics, "leave out mean_variance, half_a and half_b");
   command("--buckets", o.buckets, "record eight bucket means of each layer too");

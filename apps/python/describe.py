@@ -102,6 +102,8 @@ RETURN_TYPES = {
     "Layers.items": "list[tuple[str, Channel]]",
     "Layers.image": "Channel",
     "Layers.light": "Channel",
+    "Layers.matte": "Channel",
+    "Layers.mattes": "dict[str, list[str]]",
     "Layers.layers": "list[str]",
     "Layers.get": "Any",
     "Scene.__getitem__": "Any",
@@ -177,6 +179,8 @@ def signature(owner, function):
             arguments.append((argument, None, None))
         elif argument.startswith("**"):
             arguments.append((argument, "Any", None))
+        elif argument.startswith("*"):
+            arguments.append((argument, "str", None))
         else:
             kind = SPECIAL_TYPES.get((where, argument)) or (
                 ARGUMENT_TYPES.get(argument, kind) if kind in ("object", None) or argument == "layers" else kind

@@ -7,6 +7,7 @@
 #include "apps/python/bindings.h"
 #include "apps/python/convert.h"
 #include "filters/api/requirements.h"
+#include "image/cryptomatte.h"
 #include "image/light_layers.h"
 
 namespace brume::python {
@@ -92,6 +93,31 @@ py::array_t<float> image_of(const Layers& layers, const std::string& layer, cons
   return image;
 }
 
+py::array_t<float> array_of(const Plane& plane) {
+  py::array_t<float> array({static_cast<size_t>(plane.height()), static_cast<size_t>(plane.width())});
+  float* to = array.mutable_data();
+  for (int y = 0; y < plane.height(); ++y) to = std::copy_n(plane.row(y), plane.width(), to);
+  return array;
+}
+
+/// What things cover of each pixel. @throws InputError
+py::array_t<float> matte_in(const Layers& layers, const py::args& names, const std::string& layer) {
+  std::vector<std::string> wanted;
+  for (const py::handle name : names) wanted.push_back(to_text(name));
+  if (wanted.empty()) throw InputError("matte: expected names of things, as mattes() lists them");
+  return array_of(matte_of(layers, matte_layers(layers.header, layers.names()), wanted, layer));
+}
+
+py::dict mattes_of(const Layers& layers) {
+  py::dict all;
+  for (const MatteLayer& layer : matte_layers(layers.header, layers.names())) {
+    py::list names;
+    for (const auto& [name, id] : layer.manifest) names.append(to_str(name));
+    all[to_str(layer.name)] = names;
+  }
+  return all;
+}
+
 py::tuple window(const PixelWindow& w) {
   return py::make_tuple(w.lo.x, w.lo.y, w.hi.x, w.hi.y);
 }
@@ -170,6 +196,12 @@ void bind_layers(py::module_& module) {
       },
       py::arg("group"),
       "The light of a light group as an array of height x width x 3, a copy; clean where the frame is.");
+  type.def("matte", &matte_in, py::arg("layer") = "",
+           "The share of each pixel that things cover, together, as an array of height x width, from the frame's\n"
+           "Cryptomatte: names as mattes() lists them, * stands for anything.\n\n"
+           "layer: \"CryptoObject\" or \"CryptoMaterial\", where both have a thing of that name. Raises InputError for a\n"
+           "frame without Cryptomatte, or without such a thing.");
+  type.def("mattes", &mattes_of, "Names of the things in each Cryptomatte layer of the frame, by the layer's name.");
   type.def(
       "layers", [](const Layers& self) { return layer_names(self); }, "Names of the layers, without statistics.");
   type.def(

@@ -119,7 +119,7 @@ std::vector<DeepPart> DeepPixels::of_rays(std::span<const DeepRay> rays, const v
     }
     const vec3 light = ray.light + (ray.mirrors > 0 ? mirrored * (ray.mirrors / mirrors) : vec3(0));
     if (ray.end == DeepRay::End::kSurface)
-      profile.push_back({end, end, 0, light});
+      profile.push_back({end, end, ray.held, light});
     else if (light != vec3(0))
       profile.push_back({end, end, ray.left, light});
   }

@@ -35,7 +35,8 @@ struct DeepSteps {
 struct DeepRay {
   DeepSteps media;
   double z = 0, z_per_step = 0;  ///< from lengths of steps to depths
-  float left = 1;                ///< transmittance of all media
+  float left = 1;                ///< what the media leave to be covered by what is behind them
+  float held = 0;                ///< share that holdouts among them hide of that
   enum class End { kNothing, kSurface, kLight };
   End end = End::kNothing;  ///< light that is seen covers nothing; nor does a holdout
   double end_z = 0;

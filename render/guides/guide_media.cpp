@@ -120,6 +120,7 @@ GuideMedia::GuideMedia(std::span<const Medium> media, std::span<const EmissionFi
     media_.push_back(resampled(displaced_.back(), time, task));
     mean_cosine_.push_back(mean_cosine_of(m.phase()));
     coloured_ = coloured_ || m.chromatic() || m.coloured();
+    holdouts_ = holdouts_ || m.holdout();
     instances_ = instances_ || m.instances();
     Constants& c = constants_.emplace_back();
     for (GuideColour colour = kGrey; colour < 3; ++colour) {

@@ -38,6 +38,8 @@ class GuideMedia {
   /// Of the finest grid [world units].
   double voxel() const { return voxel_; }
   const std::vector<Medium>& media() const { return media_; }
+  /// Whether camera rays that end in some see nothing there.
+  bool holdouts() const { return holdouts_; }
   /// Whether some stand at many places.
   bool instances() const { return instances_; }
   const std::vector<EmissionField>& emissions() const { return emissions_; }
@@ -59,6 +61,8 @@ class GuideMedia {
     double g = 0;        ///< mean cosine
     double density = 0;  ///< as a share of the medium's maximum, the largest of them
     dvec3 tint{1};       ///< of the light scattered here; only in grey
+    double seen = 1;     ///< share of sigma_t that is of no holdout
+    double seen_albedo = 0;  ///< albedo of that share; only where there are holdouts
   };
   Point at(const dvec3& world, GuideColour colour) const;
   /// Scattering coefficient of one medium [1 / world unit].
@@ -87,7 +91,7 @@ class GuideMedia {
   std::vector<EmissionField> emissions_;
   std::vector<Constants> constants_;
   std::vector<double> mean_cosine_;
-  bool coloured_ = false, mixed_tints_ = false, instances_ = false;
+  bool coloured_ = false, mixed_tints_ = false, instances_ = false, holdouts_ = false;
   dvec3 lo_{0}, hi_{0};
   double voxel_ = 0;
 };

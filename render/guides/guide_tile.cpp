@@ -110,7 +110,12 @@ void GuideTile::end(const CameraRay& ray, const MarchedRay& marched) {
   if (marched.opacity > 0) add_media(marched, sums);
   const vec3 before = sums.background;
   DeepRay* const deep = deep_ ? &deep_rays_[ray.pixel][static_cast<size_t>(ray.number)] : nullptr;
-  if (deep) deep->left = marched.transmittance;
+  if (deep && march_.media_[0].holdouts()) {
+    deep->left = 1 - marched.opacity;
+    deep->held = std::max(deep->left - marched.transmittance, 0.0f);
+  } else if (deep) {
+    deep->left = marched.transmittance;
+  }
   if (ray.light) {
     sums.background += scaled(ray.light->radiance(marched.ray, ray.distance), transmittance);
     if (deep) deep->end = DeepRay::End::kLight;

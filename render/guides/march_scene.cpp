@@ -49,6 +49,7 @@ MarchedGrid marched_grid(const GuideMedia& media, size_t medium, GuideColour col
                    static_cast<float>(media.mean_cosine(medium)),
                    static_cast<float>(c.inverse_maximum),
                    {static_cast<float>(c.tint.x), static_cast<float>(c.tint.y), static_cast<float>(c.tint.z)},
+                   m.holdout() ? 0.0f : 1.0f,
                    {}};
   set_cells(grid.cells, grid.stored);
   for (int axis = 0; axis < 3; ++axis) {
@@ -97,6 +98,7 @@ MarchScene::MarchScene(const std::vector<GuideMedia>& media, size_t time, const 
       nodes(fields.lattice()),
       emits(!media[time].emissions().empty()),
       mixed_tints(media[time].mixed_tints()),
+      holdouts(media[time].holdouts()),
       follows(time != media.size() / 2 && media[time].media().size() > 1),
       mixed_peaks(media[time].media().size() > 1),
       scaled_extinction(static_cast<float>(fields.scaled_extinction())),
@@ -175,8 +177,13 @@ MarchScene::Point MarchScene::at(MarchedRay& ray, float t) const {
   dvec3 gradient;
   const double step = steps.length;
   const GuideMedia::Point found = ray.line->at(ray.start + step * t, gradient);
-  return {static_cast<float>(step * found.sigma_t), static_cast<float>(found.albedo), static_cast<float>(found.g),
-          static_cast<float>(found.density),        vec3(step * step * gradient),     vec3(found.tint)};
+  return {static_cast<float>(step * found.sigma_t),
+          static_cast<float>(holdouts ? found.seen_albedo : found.albedo),
+          static_cast<float>(found.g),
+          static_cast<float>(found.density),
+          vec3(step * step * gradient),
+          vec3(found.tint),
+          static_cast<float>(found.seen)};
 }
 
 float MarchScene::even_steps(const MarchedRay& ray, float t, float end) const {

@@ -40,6 +40,7 @@ struct MarchedGrid {
   float albedo, g;        ///< mean cosine of the phase function
   float inverse_maximum;  ///< of the density
   float tint[3];          ///< of light scattered once
+  float seen;             ///< 1, of a holdout 0
   float gradient[3][3];   ///< from the change of the density per voxel to that of the extinction per step, world axes
 };
 
@@ -126,6 +127,7 @@ class MarchScene {
   std::vector<MarchedGrid> grids;    ///< of all media; empty: media are looked up point by point
   std::vector<MarchedLight> lights;  ///< suns and lamps with guides of their own
   bool emits, mixed_tints;
+  bool holdouts;            ///< some media hide what is behind them and are not seen
   bool follows;             ///< light was solved where each of several media stood at another time
   bool mixed_peaks;         ///< media differ in their forward peaks
   float scaled_extinction;  ///< share of the extinction without the forward peak, on average
@@ -139,6 +141,7 @@ class MarchScene {
   struct Point {
     float extinction, albedo, g, density;  ///< of all media together
     vec3 gradient, tint;                   ///< the gradient of the extinction, world axes
+    float seen;                            ///< share of the extinction that is of no holdout; albedo is of that
   };
   Point at(MarchedRay& ray, float t) const;
   /// How many steps can be taken at once from t on.

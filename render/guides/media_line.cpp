@@ -131,9 +131,10 @@ GuideMedia::Point MediaLine::look_up(double t, dvec3* gradient) {
     if (!(found > 0)) return point;
     const GuideMedia::Constants& c = media_.constants_[0];
     if (gradient) *gradient = c.per_density[colour] * locals_[0].medium->gradient_to_world(slope);
-    return {found * c.per_density[colour], c.albedo[colour], media_.mean_cosine_[0], found * c.inverse_maximum, c.tint};
+    return {found * c.per_density[colour], c.albedo[colour], media_.mean_cosine_[0], found * c.inverse_maximum, c.tint,
+            locals_[0].medium->holdout() ? 0.0 : 1.0, c.albedo[colour]};
   }
-  double scattered = 0, forward = 0;
+  double scattered = 0, forward = 0, seen = 0, seen_scattered = 0;
   dvec3 tint(0);
   for (Local& local : locals_) {
     const Medium& m = *local.medium;
@@ -151,11 +152,16 @@ GuideMedia::Point MediaLine::look_up(double t, dvec3* gradient) {
     const double sigma_s = sigma * albedo;
     point.sigma_t += sigma;
     scattered += sigma_s;
+    if (!m.holdout()) seen += sigma, seen_scattered += sigma_s;
     forward += sigma_s * media_.mean_cosine_[local.number];
     tint += sigma_s * (one ? local.tint : c.tint);
     point.density = std::max(point.density, found * c.inverse_maximum);
   }
   if (point.sigma_t > 0) point.albedo = scattered / point.sigma_t;
+  if (media_.holdouts()) {
+    if (point.sigma_t > 0) point.seen = seen / point.sigma_t;
+    if (seen > 0) point.seen_albedo = seen_scattered / seen;
+  }
   if (scattered > 0) {
     point.g = forward / scattered;
     point.tint = tint / scattered;

@@ -78,6 +78,7 @@ struct Lane {
 struct MediaAt {
   V extinction, albedo, g, density;
   V3 gradient, tint;
+  V seen;  // share of the extinction that is of no holdout
 };
 
 /// A line in the coordinates of a grid or lattice.
@@ -339,17 +340,18 @@ HWY_INLINE void RayMarch::add_grid(const MarchedGrid& grid, const V3& p, M activ
   const V density = only(found);
   const V3 slope{only(far - near), only(lerp(z01 - z00, z11 - z10, fx)),
                  only(lerp(lerp(change(e00), change(e01), fy), lerp(change(e10), change(e11), fy), fx))};
-  const V extinction = density * grid.extinction, scattered = extinction * grid.albedo;
+  const V extinction = density * grid.extinction, scattered = extinction * (grid.seen * grid.albedo);
   sum.gradient += transform(grid.gradient, slope);
   sum.extinction = sum.extinction + extinction;
   sum.albedo = sum.albedo + scattered;
   sum.g = sum.g + scattered * grid.g;
   sum.density = hn::Max(sum.density, density * grid.inverse_maximum);
   sum.tint += scattered * set3(grid.tint);
+  if (scene_.holdouts) sum.seen = sum.seen + extinction * grid.seen;
 }
 
 MediaAt RayMarch::media_point_by_point(M active, V t) const {
-  Lane extinction, albedo, g, density;
+  Lane extinction, albedo, g, density, seen;
   Lanes3 gradient, tint;
   for_each_lane(active, t, [&](size_t lane, MarchedRay& ray, float at) {
     const MarchScene::Point p = scene_.at(ray, at);
@@ -359,26 +361,29 @@ MediaAt RayMarch::media_point_by_point(M active, V t) const {
     density[lane] = p.density;
     gradient.set(lane, p.gradient);
     tint.set(lane, p.tint);
+    seen[lane] = p.seen;
   });
-  return {extinction.load(), albedo.load(), g.load(), density.load(), gradient.load(), tint.load()};
+  return {extinction.load(), albedo.load(), g.load(), density.load(), gradient.load(), tint.load(), seen.load()};
 }
 
 /// Albedo, mean cosine and tint are means.
 HWY_INLINE MediaAt RayMarch::media_at(M active, V t) const {
   if (scene_.grids.empty()) return media_point_by_point(active, t);
   const V zero = hn::Zero(D());
-  MediaAt sum{zero, zero, zero, zero, zero3(), zero3()};
+  MediaAt sum{zero, zero, zero, zero, zero3(), zero3(), scene_.holdouts ? zero : set(1.0f)};
   for (size_t i = 0; i < scene_.grids.size(); ++i) add_grid(scene_.grids[i], grid_[i].at(t), active, sum);
   if (scene_.grids.size() > 1) {
     const auto share = [&](V part, V whole) {
       return hn::IfThenElseZero(whole > zero, part / hn::Max(whole, set(1e-37f)));
     };
     const V scattered = sum.albedo;
-    sum.albedo = share(scattered, sum.extinction);
+    sum.albedo = share(scattered, scene_.holdouts ? sum.seen : sum.extinction);
     sum.g = share(sum.g, scattered);
     sum.tint = {share(sum.tint.x, scattered), share(sum.tint.y, scattered), share(sum.tint.z, scattered)};
+    if (scene_.holdouts) sum.seen = share(sum.seen, sum.extinction);
   } else {
     const MarchedGrid& grid = scene_.grids[0];
+    sum.seen = set(grid.seen);
     sum.albedo = set(grid.albedo);
     sum.g = set(grid.g);
     sum.tint = set3(grid.tint);
@@ -443,21 +448,24 @@ HWY_INLINE void RayMarch::take(M active, V t, V middle, V length, V next, V thic
   const V left = left_.load(), left_scaled = left_scaled_.load(), depth = depth_.load(), peaks = peaks_.load();
   const V w = left * e, scaled = left_scaled * e_scaled;
   const V w2 = left2_.load() * e2, w4 = left4_.load() * e4, w8 = left8_.load() * e8;
-  const V peaked = thickness * (1.0f - scale), peaks_in_middle = peaks + 0.5f * peaked,
-          scattered = thickness * media.albedo;
-  if (batch_.deep) keep_step(scene_.emits ? active : any, t, next, w, left - w);
+  const V peaked = thickness * (1.0f - scale), peaks_in_middle = peaks + 0.5f * peaked;
+  const auto seen = [&](V v) { return scene_.holdouts ? v * media.seen : v; };
+  const V w_seen = seen(w), thickness_seen = seen(thickness), scattered = thickness_seen * media.albedo;
+  if (batch_.deep)
+    keep_step(scene_.emits ? active : any, t, next, w_seen,
+              scene_.holdouts ? 1.0f - opacity_.load() - w_seen : left - w);
   segment_.end.store(any, next);
-  segment_.w.add(w);
-  segment_.w2.add(w2);
-  segment_.w4.add(w4);
-  segment_.w8.add(w8);
-  segment_.scaled.add(scaled);
-  segment_.unpeaked.add(scaled / scale);
-  segment_.thickness.add(thickness);
-  segment_.distance.add(thickness * middle);
-  segment_.peaks.add(thickness * peaks_in_middle);
+  segment_.w.add(w_seen);
+  segment_.w2.add(seen(w2));
+  segment_.w4.add(seen(w4));
+  segment_.w8.add(seen(w8));
+  segment_.scaled.add(seen(scaled));
+  segment_.unpeaked.add(seen(scaled / scale));
+  segment_.thickness.add(thickness_seen);
+  segment_.distance.add(thickness_seen * middle);
+  segment_.peaks.add(thickness_seen * peaks_in_middle);
   segment_.albedo.add(scattered);
-  segment_.g.add(thickness * media.g);
+  segment_.g.add(thickness_seen * media.g);
   if (scene_.mixed_tints) {
     segment_.tint[0].add(scattered * media.tint.x);
     segment_.tint[1].add(scattered * media.tint.y);
@@ -485,12 +493,12 @@ HWY_INLINE void RayMarch::take(M active, V t, V middle, V length, V next, V thic
   const M met = hn::And(any, opacity_.load() <= 0.0f);
   first_.store(met, middle);
   const V behind = middle - first_.load();
-  opacity_.add(w);
-  distance_.add(w * behind);
-  distance2_.add(w * behind * behind);
-  density_.add(w * media.density);
+  opacity_.add(w_seen);
+  distance_.add(w_seen * behind);
+  distance2_.add(w_seen * behind * behind);
+  density_.add(w_seen * media.density);
   gradient_.store(gradient_.load() +
-                  w / (brume::HWY_NAMESPACE::length(media.gradient) + scene_.steps.gentle_gradient) * media.gradient);
+                  w_seen / (brume::HWY_NAMESPACE::length(media.gradient) + scene_.steps.gentle_gradient) * media.gradient);
 }
 
 void RayMarch::keep_step(M mask, V t, V next, V w, V left) {

@@ -75,6 +75,8 @@ struct VolumeMoment {
 struct VolumeSettings {
   std::filesystem::path file;
   std::string grid;
+  std::string name, material_name;  ///< of mattes; empty: MatteNames makes one
+  std::string role = "visible";
   std::string shape = "grid";
   dvec3 lo{-0.5}, hi{0.5};  ///< equal for a layer without an end
   std::vector<double> up;   ///< three numbers, or none: the environment's
@@ -124,7 +126,8 @@ struct InstanceList {
 };
 
 struct InstanceSettings {
-  int volume = 0;  ///< number among those of the scene's text; once read, in Scene::volumes
+  int volume = 0;    ///< number among those of the scene's text; once read, in Scene::volumes
+  std::string name;  ///< of mattes; empty: the volume's
   std::vector<dmat4> matrices;
   std::filesystem::path file;
   dmat4 object_to_world{1};
@@ -169,6 +172,7 @@ struct LightSettings {
 
 struct SurfaceSettings {
   std::filesystem::path file;
+  std::string name, material_name;  ///< of mattes; empty: MatteNames makes one
   std::string material = "diffuse";
   dvec3 albedo{0.5};
   std::filesystem::path albedo_texture;
@@ -207,6 +211,7 @@ struct RenderSettings {
   bool light_groups = false;
   double mist_start = 0, mist_depth = 25;
   std::string mist_falloff = "quadratic";
+  int cryptomatte_levels = 6;
   int cell_size = 8;
   double majorant_scale = 1;
 };
@@ -256,6 +261,10 @@ inline bool lies_around_camera(const Scene& scene) {
   return scene.environment.air > 0 || std::any_of(scene.volumes.begin(), scene.volumes.end(), [](const auto& v) {
            return is_everywhere(v) || is_endless_layer(v);
          });
+}
+/// Hides what is behind it and is not seen itself.
+inline bool is_holdout(const VolumeSettings& volume) {
+  return volume.role == "holdout";
 }
 inline bool has_everywhere(const Scene& scene) {
   return std::any_of(scene.volumes.begin(), scene.volumes.end(), is_everywhere);

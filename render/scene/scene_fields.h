@@ -19,6 +19,11 @@ struct Field {
 inline const Field kGroup = {
     "group", "", "its light is recorded in the layers light.GROUP too; where any other has one, in light.rest"};
 
+/// Of everything that mattes tell apart.
+inline const Field kName = {
+    "name", "",
+    "of its matte (--layers cryptomatte), in any alphabet; empty: the file's name without its ending and frame, or what shape it has, with a number behind it where that is another's name. Things of one name have one matte"};
+
 inline constexpr double kInfinity = std::numeric_limits<double>::infinity();
 
 template <class Visitor>
@@ -118,6 +123,9 @@ void describe(Visitor& v, RenderSettings& r) {
      .help = "how mist grows with the share of mist_depth: its square, itself, its root",
      .choices = {"quadratic", "linear", "inverse_quadratic"}},
     r.mist_falloff);
+  v({"cryptomatte_levels", "",
+     "things that a pixel's mattes tell apart, those that cover most of it; two for each layer of Cryptomatte", 1, 64},
+    r.cryptomatte_levels);
   v({.key = "majorants",
      .help =
          "cells: bounds of cell_size^3 voxels; global: one bound for the whole grid and flights in double precision, the textbook's tracer, to compare",
@@ -201,6 +209,13 @@ void describe(Visitor& v, VolumeSettings& s) {
          "grid: the file's density; box, sphere: density 1 everywhere inside lo .. hi; everywhere: density 1 around camera and lamps, as far as light matters (ten mean free paths on): no light reaches the scene from infinity then; layer: fog that falls off with height, density 1 below base_height and exp(-(height - base_height) / scale_height) above, inside lo .. hi or, without them, without an end",
      .choices = {"grid", "box", "sphere", "everywhere", "layer"}},
     s.shape);
+  v(kName, s.name);
+  v({"material_name", "", "of its matte among materials; empty: its preset, or volume"}, s.material_name);
+  v({.key = "role",
+     .help =
+         "holdout: hides what is behind it as far as it is opaque and leaves a hole in alpha there; is not seen and emits nothing, but throws its shadow and scatters light onto everything else",
+     .choices = {"visible", "holdout"}},
+    s.role);
   v({"lo", "scene units", "box, sphere, layer: lowest corner of the box (around the sphere)"}, s.lo);
   v({"hi", "scene units", "box, sphere, layer: highest corner"}, s.hi);
   v({"up", "", "layer: the direction in which it falls off; empty: that of [environment]"}, s.up);
@@ -301,6 +316,7 @@ void describe(Visitor& v, ArrayPlacement& p) {
 template <class Visitor>
 void describe(Visitor& v, InstanceSettings& s) {
   v({"volume", "", "which of [[volumes]], counted from 0 as they stand in the file", 0, 1e6}, s.volume);
+  v({"name", "", "of the matte of these places (--layers cryptomatte); empty: the volume's"}, s.name);
   v({"matrices", "",
      "where it stands: [matrix, ...], each 4 x 4, rows first, applied after the volume's own object_to_world; points are columns"},
     s.matrices);
@@ -346,6 +362,8 @@ void describe(Visitor& v, LightSettings& l) {
 template <class Visitor>
 void describe(Visitor& v, SurfaceSettings& s) {
   v({.key = "file", .help = "mesh of polygons of any shape, OBJ or PLY", .required = true}, s.file);
+  v(kName, s.name);
+  v({"material_name", "", "of its matte among materials; empty: its material"}, s.material_name);
   v({.key = "material",
      .help =
          "diffuse; coated: diffuse under a layer of varnish, as plastics, floors and walls; conductor: a metal; dielectric: glass or water, its faces closed around the inside",

@@ -10,6 +10,7 @@
 #include "image/layers.h"
 #include "render/film/film.h"
 #include "render/guides/deep_pixels.h"
+#include "render/guides/matte_pixels.h"
 #include "render/scene/scene.h"
 #include "render/transport/integrator.h"
 
@@ -38,6 +39,7 @@ struct RenderReport {
 struct RenderResult {
   Layers layers;
   std::optional<DeepRecord> deep;  ///< where RenderJob::deep_samples asks for it
+  std::optional<MatteRecord> mattes;  ///< where RenderJob::mattes asks for it
   RenderReport report;
 };
 
@@ -91,6 +93,7 @@ struct RenderJob {
   /// Guides that the frame holds in Layers::stored; null: none.
   std::function<bool(const std::string& channel)> stored;
   int deep_samples = 0;     ///< that the deep picture has of each pixel, at most; 0: none is made. Needs guides
+  bool mattes = false;      ///< what covers each pixel is found, too
   bool keep_state = false;  ///< the result carries the sums of its samples, to be merged
   /// Written every checkpoint_seconds, at the end and when interrupted. A checkpoint that cannot be written ends
   /// nothing: `warn` is told, and the next one is tried.

@@ -94,6 +94,9 @@ RenderResult RenderSession::run() {
   for (const auto& [name, plane] : guides_.channels()) result.layers.set(name, std::move(*guides_.find(name)));
   for (const auto& [name, plane] : guides_.stored()) result.layers.set_stored(name, plane);
   result.deep = std::move(deep_);
+  if (job_.mattes)
+    result.mattes = record_mattes(scene_.scene(), scene_.media(), context_, camera_, {window_.x0, window_.y0},
+                                  {window_.width(), window_.height()}, quiet(task_));
   finish_header(result.layers, result.report);
   if (job_.keep_state) film_.save_state(result.layers, {task_.threads});
   return result;

@@ -36,6 +36,7 @@ class PreparedScene {
   const Plan& plan() const { return context_.plan; }
   /// The first medium, or null where nothing scatters.
   const Medium* medium() const { return media_.media().empty() ? nullptr : &media_.media()[0]; }
+  const SceneMedia& media() const { return media_; }
   const Lights& lights() const { return lights_; }
   const PathContext& context() const { return context_; }
   /// Whether some dielectric lets light through straight, which is biased.

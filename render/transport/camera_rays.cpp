@@ -18,6 +18,7 @@ void CameraRays::record(const SlotList& fresh) {
   const auto each_medium = [&](auto&& in_lanes, auto&& one_by_one) {
     for (const size_t i : fresh) w_.end[i] = kUnbounded;
     for (size_t m = 0; m < c_.media.size(); ++m) {
+      if (c_.media[m].holdout()) continue;
       if (flights_.in_lanes(m) && !c_.media[m].instances()) {
         in_lanes(m);
         continue;

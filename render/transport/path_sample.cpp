@@ -14,7 +14,8 @@ namespace brume {
 
 namespace {
 
-constexpr const char *kGuides = "guides", *kDepths = "depths", *kMotion = "motion", *kLightParts = "light_parts";
+constexpr const char *kGuides = "guides", *kDepths = "depths", *kMotion = "motion", *kLightParts = "light_parts", *kMattes = "cryptomatte",
+                     *kMatteObjects = "cryptomatte_object", *kMatteMaterials = "cryptomatte_material";
 
 }
 
@@ -62,12 +63,11 @@ LayerRequest LayerRequest::of(const std::vector<std::string>& names, bool statis
   if (names == std::vector<std::string>{"all"}) {
     request.names = known;
     request.guides = request.depths = request.motion = request.light_parts = true;
+    request.matte_objects = request.matte_materials = true;
     return request;
   }
-  known.emplace_back(kGuides);
-  known.emplace_back(kDepths);
-  known.emplace_back(kMotion);
-  known.emplace_back(kLightParts);
+  for (const char* several : {kGuides, kDepths, kMotion, kLightParts, kMattes, kMatteObjects, kMatteMaterials})
+    known.emplace_back(several);
   for (const std::string& name : names) {
     if (name.starts_with(kLightPrefix)) {
       request.light_groups.push_back(name.substr(kLightPrefix.size()));
@@ -83,6 +83,12 @@ LayerRequest LayerRequest::of(const std::vector<std::string>& names, bool statis
       request.motion = true;
     else if (name == kLightParts)
       request.light_parts = true;
+    else if (name == kMattes)
+      request.matte_objects = request.matte_materials = true;
+    else if (name == kMatteObjects)
+      request.matte_objects = true;
+    else if (name == kMatteMaterials)
+      request.matte_materials = true;
     else
       request.names.push_back(name);
   }
@@ -95,6 +101,8 @@ std::vector<std::string> LayerRequest::text() const {
   if (depths) all.emplace_back(kDepths);
   if (motion) all.emplace_back(kMotion);
   if (light_parts) all.emplace_back(kLightParts);
+  if (matte_objects) all.emplace_back(matte_materials ? kMattes : kMatteObjects);
+  if (matte_materials && !matte_objects) all.emplace_back(kMatteMaterials);
   for (const std::string& group : light_groups) all.push_back(light_layer(group));
   return all;
 }

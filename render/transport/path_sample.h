@@ -43,16 +43,19 @@ struct LayerRequest {
   bool guides = false;                         ///< and the noise-free layers of render/guides
   bool depths = false;                         ///< and those of what is seen, and mist (image/deep_picture.h)
   bool motion = false;                         ///< and how what is seen moves (workflows/motion.h)
+  bool matte_objects = false;                  ///< and Cryptomatte of objects (image/cryptomatte.h)
+  bool matte_materials = false;                ///< and of materials
   bool light_parts = false;                    ///< and direct and indirect light of each light group
   std::vector<std::string> light_groups = {};  ///< the scene's: their light is recorded wherever there are any
   bool records = false;                        ///< keep what happened to each path, for RenderJob::records
 
   /// Names as in the EXR; the beauty and the counts always come. "guides" is all of them, "depths" those of what
-  /// is seen and mist, "motion" how it moves, "light_parts" the direct and indirect light of light groups, "all" every
-  /// layer.
+  /// is seen and mist, "motion" how it moves, "cryptomatte" both of its layers, "light_parts" the direct and indirect
+  /// light of light groups, "all" every layer.
   /// @throws InputError for a name brume does not record
   static LayerRequest of(const std::vector<std::string>& names, bool statistics, bool buckets = false);
   bool has(const LayerName& layer) const;
+  bool mattes() const { return matte_objects || matte_materials; }
   /// Of light groups: "light.key", "light.key.direct"; each R, G, B.
   struct GroupLayer {
     std::string name;

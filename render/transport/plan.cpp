@@ -43,7 +43,7 @@ bool far_from_fields(const Medium& medium, const SceneMedia& media, const Lights
 /// Whether all there is lies in one still grid, but for still fields that emit.
 bool is_one_grid(const Plan& plan, const SceneMedia& media, const Lights& lights) {
   const auto& fields = media.emissions();
-  return plan.media.size() == 1 && plan.media[0] == Precision::kLanes && !plan.instances && !plan.chromatic &&
+  return plan.media.size() == 1 && plan.media[0] == Precision::kLanes && !plan.instances && !plan.holdouts && !plan.chromatic &&
          !plan.surfaces && !plan.moving_media && !plan.layers.records && lights.all_solid() &&
          std::all_of(fields.begin(), fields.end(), LaneEmission::fits);
 }
@@ -59,6 +59,7 @@ Plan make_plan(const Scene& scene, const SceneMedia& media, const Lights& lights
     plan.far_from_fire.push_back(far_from_fields(m, media, lights));
   }
   plan.instances = std::any_of(all.begin(), all.end(), [](const Medium& m) { return m.instances() != nullptr; });
+  plan.holdouts = std::any_of(all.begin(), all.end(), [](const Medium& m) { return m.holdout(); });
   plan.chromatic = std::any_of(all.begin(), all.end(), [](const Medium& m) { return m.chromatic(); });
   plan.moving_media = std::any_of(all.begin(), all.end(), [](const Medium& m) { return m.moves(); });
   plan.surfaces = surfaces != nullptr;
@@ -86,7 +87,8 @@ Plan make_plan(const Scene& scene, const SceneMedia& media, const Lights& lights
   plan.layers = layers;
   plan.layers.light_groups = lights.groups();
   plan.layers.light_parts = layers.light_parts && !lights.groups().empty();
-  plan.near_lights = choose_near_lights(all, lights, scene.render.near_lights);
+  // What is sampled along a flight is not told by the medium that it is in.
+  if (!plan.holdouts) plan.near_lights = choose_near_lights(all, lights, scene.render.near_lights);
   plan.interpolate = scene.render.lookup == "interpolated";
   plan.one_grid = is_one_grid(plan, media, lights);
   plan.seen_emission = plan.emission && plan.has_media() && !plan.moving_media && !plan.instances &&

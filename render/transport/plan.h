@@ -22,6 +22,7 @@ struct Plan {
   std::vector<Precision> media;     ///< of each that scatters or absorbs
   bool chromatic = false;           ///< the extinction of some has a colour
   bool instances = false;           ///< some stand at many places
+  bool holdouts = false;            ///< some are not seen and hide what is behind them
   bool moving_media = false;        ///< some change over the shutter
   bool light_sampling = false;      ///< next-event estimation towards at least one light
   std::vector<bool> far_from_fire;  ///< by medium: its vertices sample fields that emit, as those on surfaces do

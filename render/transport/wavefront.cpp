@@ -31,6 +31,7 @@ struct Pool {
   WorldPaths world;
   SlotList fresh, active, hits, met, escapes, shadows, alive, of_medium;
   SlotList passed;                  // a light, and go on behind it
+  SlotList held;                    // out: camera rays that a holdout volume ends
   SlotList emission_only;           // camera rays that miss the one grid, but not what emits
   std::vector<PathSample> samples;  // of the paths, where layers are recorded that PathStates has not
   CameraRays::Buffers camera_rays;
@@ -78,12 +79,14 @@ class Wavefront {
     for (;;) {
       if (c_.stop != nullptr) c_.stop->check();
       for (SlotList* list :
-           {&pool_.hits, &pool_.met, &pool_.escapes, &pool_.shadows, &pool_.alive, &pool_.passed, &pool_.emission_only})
+           {&pool_.hits, &pool_.met, &pool_.escapes, &pool_.shadows, &pool_.alive, &pool_.passed, &pool_.held,
+            &pool_.emission_only})
         list->clear();
       start_paths();
       if (pool_.active.count + pool_.hits.count + pool_.emission_only.count == 0) break;
       fly();
-      if (emission_ && !c_.plan.chromatic) emission_->add({&pool_.hits, &pool_.met, &pool_.escapes});
+      if (emission_ && !c_.plan.chromatic) emission_->add({&pool_.hits, &pool_.met, &pool_.escapes, &pool_.held});
+      for (const size_t i : pool_.held) finish(i);
       for (const size_t i : pool_.escapes) escape(i);
       counters_.tracking.collisions += pool_.hits.count;
       if (c_.plan.first_event) record_first_events();
@@ -193,11 +196,19 @@ class Wavefront {
       std::move(flown).weigh_channels();
     }
     for (const size_t i : active) {
-      SlotList& list = w_.medium[i] != WorldPaths::kNoMedium ? pool_.hits
+      w_.past[i].in_hole = is_held(i);
+      SlotList& list = w_.past[i].in_hole                    ? pool_.held
+                       : w_.medium[i] != WorldPaths::kNoMedium ? pool_.hits
                        : w_.on_surface[i]                    ? pool_.met
                                                              : pool_.escapes;
       list.push(i);
     }
+  }
+
+  /// Whether a flight from the eye ends in a holdout.
+  bool is_held(size_t i) const {
+    return c_.plan.holdouts && p_.events[i] == 0 && w_.medium[i] != WorldPaths::kNoMedium &&
+           c_.media[static_cast<size_t>(w_.medium[i])].holdout();
   }
 
   /// The lights and surfaces that flights end on at last. In the one grid they are looked for only where flights can

@@ -67,6 +67,7 @@ struct SceneMedia::Places {
     if (scene.instances.empty()) {
       for (size_t i = 0; i < scene.volumes.size(); ++i) volume.push_back(i);
       instances.resize(scene.volumes.size());
+      lists.resize(scene.volumes.size());
       add_air(scene);
       return;
     }
@@ -78,6 +79,7 @@ struct SceneMedia::Places {
   Scene world;
   std::vector<size_t> volume;           ///< by volume of the world: its number in the scene
   std::vector<InstanceList> instances;  ///< likewise; without matrices: the volume stands at its own place
+  std::vector<std::vector<size_t>> lists;  ///< likewise: of each of those places, or of a copy, the number of its list
 
  private:
   static constexpr size_t kMostCopies = 256;
@@ -90,12 +92,14 @@ struct SceneMedia::Places {
   void add(const Scene& scene, size_t i) {
     const VolumeSettings& v = scene.volumes[i];
     InstanceList all;
+    std::vector<size_t> own;
     for (size_t k = 0; k < scene.instances.size(); ++k) {
       if (static_cast<size_t>(scene.instances[k].volume) != i) continue;
       const InstanceList some = places_of(scene.instances[k], fmt::format("instances.{}", k));
       all.matrices.insert(all.matrices.end(), some.matrices.begin(), some.matrices.end());
       all.densities.insert(all.densities.end(), some.densities.begin(), some.densities.end());
       all.tints.insert(all.tints.end(), some.tints.begin(), some.tints.end());
+      own.insert(own.end(), some.matrices.size(), k);
     }
     for (size_t k = 0; k < all.tints.size(); ++k)
       if (const double highest = max_component(v.albedo * all.tints[k]); highest > 1 + 1e-9)
@@ -104,6 +108,7 @@ struct SceneMedia::Places {
     const std::string why = why_copies(v, scene);
     if (all.matrices.empty() || why.empty()) {
       add(v, i).instances.back() = std::move(all);
+      lists.back() = std::move(own);
       return;
     }
     if (all.matrices.size() > kMostCopies)
@@ -117,13 +122,14 @@ struct SceneMedia::Places {
       copy.sigma_t *= all.densities[k];
       copy.emission *= all.densities[k];
       copy.albedo *= all.tints[k];
-      add(copy, i);
+      add(copy, i).lists.back() = {own[k]};
     }
   }
   Places& add(const VolumeSettings& v, size_t number) {
     world.volumes.push_back(v);
     volume.push_back(number);
     instances.emplace_back();
+    lists.emplace_back();
     return *this;
   }
   /// Empty where instances of a volume are places of one medium.
@@ -146,6 +152,7 @@ class SceneMedia::Loader {
       : into_(into),
         v_(places.world.volumes[i]),
         places_(places.instances[i]),
+        lists_(places.lists[i]),
         number_(places.volume[i]),
         scene_(places.world),
         task_(task),
@@ -247,19 +254,22 @@ class SceneMedia::Loader {
     Medium medium(shape, world_from_object() * object_from_local, {v_.sigma_t, v_.albedo}, phase_of(v_));
     if (moves_ && shutter_opens_)
       medium.set_motion(translation(-into_.world_shift_) * v_.object_to_world_end * object_from_local);
-    if (v_.emission != dvec3(0)) into_.emissions_.emplace_back(medium, v_.emission);
+    if (v_.emission != dvec3(0) && !is_holdout(v_)) into_.emissions_.emplace_back(medium, v_.emission);
     if (medium.extinction_per_density() > 0) add_medium(medium, object_from_local);
   }
 
   /// @param object_from_local  of the medium's coordinates
   void add_medium(Medium& medium, const dmat4& object_from_local) {
+    Origin origin{number_, lists_};
     if (!places_.matrices.empty()) {
+      origin.instances.clear();
       std::vector<Instance> all;
       for (size_t k = 0; k < places_.matrices.size(); ++k) {
         if (!(places_.densities[k] > 0)) continue;
         const dmat4 world_from_local =
             translation(-into_.world_shift_) * places_.matrices[k] * v_.object_to_world * object_from_local;
         all.push_back({Placement(world_from_local).to_local(), places_.densities[k], places_.tints[k]});
+        origin.instances.push_back(lists_[k]);
       }
       if (all.empty()) return;
       const auto [lo, hi] = medium.support();
@@ -268,7 +278,9 @@ class SceneMedia::Loader {
       into_.parts_.push_back(
           {fmt::format("{}: {} instances", file_, into_.instances_.back()->size()), into_.instances_.back()->bytes()});
     }
+    medium.set_holdout(is_holdout(v_));
     into_.media_.push_back(medium);
+    into_.origins_.push_back(std::move(origin));
   }
 
   void load_density() {
@@ -388,7 +400,7 @@ class SceneMedia::Loader {
   }
 
   void add_emission(const ScalarField& field, Displacement& displacement, EmissionRamp ramp) {
-    if (field.bricks.empty()) return;
+    if (field.bricks.empty() || is_holdout(v_)) return;
     Medium shape(field.bricks, world_from(field.world_from_index), {}, {});
     set_in_motion(shape, field, displacement);
     into_.emissions_.emplace_back(shape, std::move(ramp));
@@ -420,6 +432,7 @@ class SceneMedia::Loader {
 
   /// @param brightest  emission coefficient, luminance
   void note_faint_fire(double brightest) {
+    if (is_holdout(v_)) return;
     // As if all of the way across were as bright as the brightest voxel.
     const double shown = brightest * scene_.film.exposure * 2 * into_.emissions_.back().bounding_sphere().radius;
     if (shown > 0.01 || !(shown > 0)) return;
@@ -439,6 +452,7 @@ class SceneMedia::Loader {
   SceneMedia& into_;
   const VolumeSettings& v_;
   const InstanceList& places_;
+  const std::vector<size_t>& lists_;  // of places_, or of the place of a copy: the number of its [[instances]]
   const size_t number_;  // of the volume in the scene's text
   const Scene& scene_;
   const Task& task_;

@@ -21,6 +21,12 @@ class SceneMedia {
   const dvec3& world_shift() const { return world_shift_; }
   /// Those with any extinction in them.
   const std::vector<Medium>& media() const { return media_; }
+  /// What of the scene a medium is.
+  struct Origin {
+    size_t volume;                  ///< its number in the scene
+    std::vector<size_t> instances;  ///< of each of its instances, or of itself as a copy: the number of [[instances]]
+  };
+  const std::vector<Origin>& origins() const { return origins_; }
   const std::vector<EmissionField>& emissions() const { return emissions_; }
   /// The volume of the scene that each of them is of.
   const std::vector<size_t>& emission_volumes() const { return emission_volumes_; }
@@ -44,6 +50,7 @@ class SceneMedia {
   std::vector<std::shared_ptr<Volume>> volumes_;
   std::vector<std::shared_ptr<const Instances>> instances_;
   std::vector<Medium> media_;
+  std::vector<Origin> origins_;  // by medium
   std::vector<EmissionField> emissions_;
   std::vector<size_t> emission_volumes_;
   dvec3 world_shift_{0};

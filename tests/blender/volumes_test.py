@@ -66,8 +66,11 @@ class Volumes(unittest.TestCase):
         smoke.visible_shadow = False
         self.assertEqual(self._translated().notes, ["Smoke: its volume is seen by rays of every kind in brume, shadow too"])
         smoke.visible_shadow, smoke.is_holdout = True, True
-        self.assertEqual(self._translated().notes, ["Smoke: its volume is no holdout in brume; it is rendered"])
+        translation = self._translated()
+        self.assertEqual(translation.notes, [])
+        self.assertIn('role = "holdout"', translation.text)
         smoke.is_holdout = False
+        self.assertNotIn("role", self._translated().text)
         collection = bpy.data.collections.new("Unseen")
         bpy.context.scene.collection.children.link(collection)
         bpy.context.scene.collection.objects.unlink(smoke)

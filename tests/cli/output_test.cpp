@@ -69,10 +69,13 @@ TEST(Output, OfEveryVerbThatDoesNotGetThereIsAnError) {
       {"docs", "docs scene"},
       {"view", "view " + scene + " -q"},
       {"flatten", "flatten " + path("deep.exr") + " -o " + path("flat.exr")},
+      {"matte", "matte " + path("grouped.exr") + " smoke --layer CryptoObject -o " + path("matte.exr")},
       {"mix", "mix " + path("grouped.exr") + " --gain sun=2 -o " + path("mixed.exr")},
       {"picture", "picture " + part + " -q -o " + path("a.png")},
   };
-  ASSERT_EQ(run_brume(render + path("grouped.exr") + " -D render.light_groups=true --deep " + path("deep.exr")).status,
+  ASSERT_EQ(run_brume(render + path("grouped.exr") + " -D render.light_groups=true --layers cryptomatte --deep " +
+                       path("deep.exr"))
+                .status,
             0);
   std::vector<std::string> tested;
   for (const auto& [verb, arguments] : commands) tested.push_back(verb);

@@ -241,6 +241,10 @@ class Tracer {
   }
 
   bool scatter(const Medium& medium, double t) {
+    if (events_ == 0 && medium.holdout()) {
+      s_.transmittance = weight_;
+      return false;
+    }
     ray_.o = ray_.at(t);
     passed_ = 0;
     const dvec3 albedo = medium.albedo(ray_.o), d = ray_.d;

@@ -10,7 +10,7 @@ import numpy as np
 
 from . import exr, passes, program
 from .child import DONE, MISSED, CannotStart, Child, Progress, Update
-from .properties import lacking_passes, preferred_program, wanted_passes
+from .properties import lacking_passes, matte_settings, preferred_program, wanted_passes
 from .translate import CannotTranslate, translate
 from .viewport import close_viewport_of, viewport_of
 from .window import window_of
@@ -183,6 +183,9 @@ class _Frame:
             words += ["-D", "environment.visible_to_camera=false"]
         if settings.indirect_limit > 0:
             words += ["-D", f"render.indirect_limit={settings.indirect_limit}"]
+        objects, materials, levels = matte_settings(self._layer)
+        if objects or materials:
+            words += ["-D", f"render.cryptomatte_levels={levels}"]
         if settings.use_fixed_seed:
             words += ["-D", "render.noise_frame=0"]
         return words
@@ -244,6 +247,8 @@ class _Frame:
         made = passes.Passes(frame, self._transparent)
         for p in self._passes:
             self._fill(self._engine._name(p), made.values(p))
+        for key, value in passes.matte_metadata(frame.header, self._layer.name).items():
+            self._result.stamp_data_add_field(key, value)
         self._engine.update_result(self._result)
 
     def _end_result(self):

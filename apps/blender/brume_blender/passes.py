@@ -77,6 +77,50 @@ LAYERS = {
 GIVEN = {"sample_count": "Y", "clean_error": "Y"}
 
 
+def matte_passes(objects, materials, levels):
+    """Cryptomatte, two levels in each pass. Its components are small letters, as Cycles has them: by these Blender knows that
+    they must be packed without loss."""
+    return [
+        Pass(f"{name}{i:02}", "rgba", (layer,))
+        for on, name, layer in ((objects, "CryptoObject", "cryptomatte_object"), (materials, "CryptoMaterial", "cryptomatte_material"))
+        if on
+        for i in range((levels + 1) // 2)
+    ]
+
+
+def matte_metadata(header, view_layer):
+    """What the header of a frame says of its Cryptomatte layers, as Blender's picture of a view layer must.
+    @return attributes by name"""
+    found = {}
+    for key, name in header.items():
+        if not (key.startswith("cryptomatte/") and key.endswith("/name")):
+            continue
+        own = f"{view_layer}.{name}"
+        prefix = f"cryptomatte/{murmur_hash(own.encode()):08x}"[:19] + "/"
+        found[prefix + "name"] = own
+        for what in ("hash", "conversion", "manifest"):
+            found[prefix + what] = header[key.removesuffix("name") + what]
+    return found
+
+
+def murmur_hash(data):
+    """MurmurHash3_x86_32 with seed 0, of bytes."""
+
+    def turned(v, bits):
+        return (v << bits | v >> 32 - bits) & 0xFFFFFFFF
+
+    def mixed(k):
+        return turned(k * 0xCC9E2D51 & 0xFFFFFFFF, 15) * 0x1B873593 & 0xFFFFFFFF
+
+    h, whole = 0, len(data) // 4 * 4
+    for i in range(0, whole, 4):
+        h = turned(h ^ mixed(int.from_bytes(data[i : i + 4], "little")), 13) * 5 + 0xE6546B64 & 0xFFFFFFFF
+    h ^= mixed(int.from_bytes(data[whole:], "little")) ^ len(data)
+    for shift, factor in ((16, 0x85EBCA6B), (13, 0xC2B2AE35)):
+        h = (h ^ h >> shift) * factor & 0xFFFFFFFF
+    return h ^ h >> 16
+
+
 def layers_for(passes, extra, transparent):
     """The names to give to --layers. @param extra  names of further layers   @param transparent  alpha is wanted"""
     names = ["direct", "indirect", *(["transmittance"] if transparent else [])]
@@ -96,8 +140,11 @@ def extra_passes(names):
 def picture(frame, transparent, name=""):
     """R G B A of the picture on top, or of another layer in its place. @param transparent  the film shows no background"""
     colour = frame.layer(name, "RGB")
+    mattes = any(channel.startswith("Crypto") for channel in frame.channels)
     if not transparent:
         alpha = np.ones((*colour.shape[:2], 1), np.float32)
+    elif mattes:  # which add up to it
+        alpha = frame.layer("", "A")
     elif (passed := frame.layer("clean_transmittance", "RGB")) is not None:
         alpha = np.clip(1 - passed.mean(axis=-1, keepdims=True), 0, 1)
     else:

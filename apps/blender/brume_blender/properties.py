@@ -146,8 +146,13 @@ def wanted_passes(view_layer):
         "Noisy Image": own.use_pass_noisy,
     }
     extra, unknown = passes.extra_passes(own.extra_names())
-    return [passes.COMBINED] + [passes.KNOWN[name] for name, on in switches.items() if on] + extra, unknown
+    mattes = passes.matte_passes(*matte_settings(view_layer))
+    return [passes.COMBINED] + [passes.KNOWN[name] for name, on in switches.items() if on] + mattes + extra, unknown
 
+
+def matte_settings(view_layer):
+    """Whether a view layer wants Cryptomatte of objects, of materials, and in how many levels."""
+    return view_layer.use_pass_cryptomatte_object, view_layer.use_pass_cryptomatte_material, view_layer.pass_cryptomatte_depth
 
 
 # Blender's passes that brume has none of, by the end of their switch's name.
@@ -156,7 +161,7 @@ LACKING = {
     "material_index": "IndexMA", "glossy_direct": "GlossDir", "glossy_indirect": "GlossInd", "glossy_color": "GlossCol",
     "transmission_direct": "TransDir", "transmission_indirect": "TransInd", "transmission_color": "TransCol",
     "subsurface_direct": "SubsurfaceDir", "subsurface_indirect": "SubsurfaceInd", "subsurface_color": "SubsurfaceCol",
-    "cryptomatte_object": "CryptoObject", "cryptomatte_material": "CryptoMaterial", "cryptomatte_asset": "CryptoAsset",
+    "cryptomatte_asset": "CryptoAsset",
 }  # fmt: skip
 
 

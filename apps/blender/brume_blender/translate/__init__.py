@@ -111,7 +111,8 @@ class _Translator:
             camera_of(self._depsgraph, self._scene)  # none, none at all
             self._motion = motion_of(self._depsgraph, self._scene, self._frame, self._set_frame, size, self._notes)
         self._layer = self._view_layer()
-        self._surfaces = Surfaces(self._folder, self._notes, self._layer, self._bake)
+        self._named = self._view is None and (self._layer.use_pass_cryptomatte_object or self._layer.use_pass_cryptomatte_material)
+        self._surfaces = Surfaces(self._folder, self._notes, self._layer, self._bake, self._named)
         self._camera = camera_of(self._depsgraph, self._scene) if self._view is None else None
         head = [
             Table("[render]").set(frame=max(self._frame, 0)),
@@ -196,10 +197,24 @@ class _Translator:
                 self._notes.say(thing.name, "the light stands still while the shutter is open")
             return [light_table(instance, self._notes)]
         if kind == "VOLUME" or kind in MESH_LIKE:
-            return self._placed(instance, thing)
+            return self._marked(self._placed(instance, thing), thing)
         if kind not in UNSEEN:
             self._notes.say(thing.name, f"is left out: brume has no {LACKING.get(kind, kind.lower().replace('_', ' '))}")
         return []
+
+    def _marked(self, tables, thing):
+        """Gives volumes the role of their object and, where there are mattes, its name; surfaces have them."""
+        volumes = [table for table in tables if table.header == "[[volumes]]"]
+        if volumes and (thing.is_holdout or thing.original.holdout_get(view_layer=self._layer)):
+            for table in volumes:
+                table.set(role="holdout")
+        if volumes and self._named:
+            shaders = [m for m in self._materials(thing) if m is not None and volume_shader_of([m]) is not None]
+            for table in volumes:
+                table.set(name=thing.name)
+                if shaders:
+                    table.set(material_name=shaders[0].name)
+        return tables
 
     def _placed(self, instance, thing):
         """Of a volume, or of an object with faces."""
@@ -254,8 +269,6 @@ class _Translator:
             unseen.insert(0, "camera")
         if unseen:
             self._notes.say(thing.name, f"its volume is seen by rays of every kind in brume, {' and '.join(unseen)} too")
-        if thing.is_holdout or thing.original.holdout_get(view_layer=self._layer):
-            self._notes.say(thing.name, "its volume is no holdout in brume; it is rendered")
 
     def _say_particles(self, thing):
         if any(system.settings.type == "HAIR" and system.settings.render_type == "PATH" for system in thing.particle_systems):

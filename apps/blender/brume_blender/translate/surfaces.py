@@ -15,7 +15,9 @@ from .volumes import volume_shader_of
 class Surfaces:
     """Writes each mesh once, however many instances it has."""
 
-    def __init__(self, folder, notes, view_layer, bake):
+    def __init__(self, folder, notes, view_layer, bake, named=False):
+        """@param named  tables have the names of objects and materials, for mattes"""
+        self._named = named
         self._bake = bake  # baking.bake, of a shader and its source
         self._folder, self._notes, self._view_layer = folder, notes, view_layer
         self._textures = Textures(folder, notes)
@@ -77,6 +79,10 @@ class Surfaces:
             if surface.radiance.any():
                 table.set(radiance=surface.radiance, two_sided=not geometry.closed)
         self._set_role(table, thing, surface)
+        if self._named:
+            table.set(name=thing.name)
+            if material is not None:
+                table.set(material_name=material.name)
         return [table]
 
     def _surface_of(self, material):
