@@ -77,7 +77,8 @@ void check_outputs(const RenderOptions& o, const Scene& scene) {
         if (v) inputs.push_back(v->*file);
   for (const InstanceSettings& instances : scene.instances) inputs.push_back(instances.file);
   for (const SurfaceSettings& surface : scene.surfaces)
-    inputs.insert(inputs.end(), {surface.file, surface.albedo_texture});
+    inputs.insert(inputs.end(),
+                  {surface.file, surface.albedo_texture, surface.alpha_texture, surface.radiance_texture});
   for (const fs::path& file : {o.checkpoint, o.updates, o.deep})
     if (!file.empty()) check_writable(file, inputs, ".exr");
   inputs.push_back(o.resume);

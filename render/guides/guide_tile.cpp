@@ -162,7 +162,7 @@ vec3 GuideTile::add_surface(const CameraRay& ray, const MarchedRay& marched, Gui
   sums.surface_albedo += scaled(at.bsdf.albedo, transmittance);
   sums.surface_depth += transmittance * (ray.hit->t - march_.reference_depth_);
   sums.material[static_cast<int>(at.bsdf.kind)] += static_cast<float>(transmittance);
-  sums.background += scaled(march_.context_.surfaces->emitted(ray.hit->surface, !at.inside), transmittance);
+  sums.background += scaled(march_.context_.surfaces->emitted(*ray.hit, !at.inside), transmittance);
   vec3 light = add_reflected(ray, at, transmittance, peaks, sums);
   if (at.gloss) light += add_reflected(ray, at.with(*at.gloss), transmittance, peaks, sums);
   return light;

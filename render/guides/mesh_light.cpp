@@ -93,6 +93,7 @@ void EmittingMeshes::spread(const Surfaces& surfaces, uint32_t surface, size_t g
   for (size_t i = 0; i < mesh.triangles.size(); ++i) area += mesh.area(i);
   const size_t count = groups * kOfGroup * kCandidates;
   const double each = area / static_cast<double>(count);
+  const EmissionShare share = surfaces.emission_share(surface);
   std::vector<Disc> discs;
   double before = 0;
   for (size_t i = 0; i < mesh.triangles.size(); ++i) {
@@ -107,8 +108,10 @@ void EmittingMeshes::spread(const Surfaces& surfaces, uint32_t surface, size_t g
       if (u.x + u.y > 1) u = 1.0 - u;
       const dvec3 p = a + u.x * (b - a) + u.y * (c - a);
       const SurfaceSettings& settings = surfaces.settings(surface);
-      discs.push_back({dvec3(moved * glm::dvec4(p, 1.0)), mesh.normal(i), settings.radiance, double{kCandidates} * each,
-                       0, settings.two_sided});
+      dvec3 radiance = settings.radiance;
+      if (share) radiance *= share(static_cast<uint32_t>(i), u.x, u.y);
+      discs.push_back({dvec3(moved * glm::dvec4(p, 1.0)), mesh.normal(i), radiance, double{kCandidates} * each, 0,
+                       settings.two_sided});
     }
     before += own;
   }

@@ -229,7 +229,7 @@ void MirroredRays::end(const Queued& queued, const Met& met, const MarchedRay& m
     add(path, transmittance * lights_ahead(ray, met, path.shown, /*marched=*/true), dvec3(0));
   } else {
     const ShadedPoint at(*march_.context_.surfaces, ray, *met.hit);
-    const dvec3 emitted = march_.context_.surfaces->emitted(met.hit->surface, !at.inside);
+    const dvec3 emitted = march_.context_.surfaces->emitted(*met.hit, !at.inside);
     const SurfaceLight::Around around = march_.surfaces_.around(at);
     dvec3 reflected = at.bsdf.albedo * around.scattered;
     for (size_t k = 0; k < march_.fields_.lights().size() && !at.bsdf.delta(); ++k) {

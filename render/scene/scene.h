@@ -176,10 +176,14 @@ struct SurfaceSettings {
   std::string material = "diffuse";
   dvec3 albedo{0.5};
   std::filesystem::path albedo_texture;
+  dvec3 translucence{0};
+  double alpha = 1;
+  std::filesystem::path alpha_texture;
   dvec3 edge_albedo{1}, reflection_tint{1};
   double roughness = 0.3, ior = 1.5;
   std::string normals = "smooth";
   dvec3 radiance{0};
+  std::filesystem::path radiance_texture;
   bool two_sided = false;
   std::string role = "visible";
   bool visible_to_camera = true;

@@ -375,6 +375,14 @@ void describe(Visitor& v, SurfaceSettings& s) {
     s.albedo);
   v({"albedo_texture", "", "picture that multiplies albedo, up to 1: PNG, JPEG (sRGB), HDR or EXR (linear)"},
     s.albedo_texture);
+  v({"translucence", "1",
+     "diffuse: what leaves on the other side, of leaves, paper and cloth; with albedo at most 1. albedo_texture multiplies it, too",
+     0, 1},
+    s.translucence);
+  v({"alpha", "1", "share of light that meets the surface; the rest passes as if it were not there", 0, 1}, s.alpha);
+  v({"alpha_texture", "",
+     "picture whose first channel, decoded as albedo_texture's, multiplies alpha: the outline of leaves on a card"},
+    s.alpha_texture);
   v({"edge_albedo", "1", "conductor: reflectance seen at grazing angles", 0, 1}, s.edge_albedo);
   v({"reflection_tint", "1", "dielectric, coated: tint of what its faces reflect", 0, 1}, s.reflection_tint);
   v({"roughness", "1",
@@ -387,6 +395,9 @@ void describe(Visitor& v, SurfaceSettings& s) {
      .choices = {"smooth", "flat"}},
     s.normals);
   v({"radiance", "W/(m^2 sr)", "emitted by the outside: an area light of any shape", 0}, s.radiance);
+  v({"radiance_texture", "",
+     "picture that multiplies radiance, up to 1, as albedo_texture does albedo: screens, windows, flames"},
+    s.radiance_texture);
   v({"two_sided", "", "emits to both sides"}, s.two_sided);
   v({.key = "role",
      .help =

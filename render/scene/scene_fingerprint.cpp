@@ -155,6 +155,8 @@ Fingerprint fingerprint(Scene scene, FileHashes* known) {
     print.file(t + ".file", s.file);
     if (!s.mesh_content.empty()) print.content(t + ".arrays", s.mesh_content);
     print.file(t + ".albedo_texture", s.albedo_texture);
+    print.file(t + ".alpha_texture", s.alpha_texture);
+    print.file(t + ".radiance_texture", s.radiance_texture);
   });
   return print;
 }
@@ -232,6 +234,8 @@ std::string world_of(const Scene& scene) {
     add(s);
     add_file(s.file);
     add_file(s.albedo_texture);
+    add_file(s.alpha_texture);
+    add_file(s.radiance_texture);
     text += s.mesh_content + "\n";
   }
   return text;

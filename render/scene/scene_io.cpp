@@ -282,7 +282,16 @@ void check_surface(Parser& parser, SurfaceSettings& s, const toml::value& table)
        {std::pair("edge_albedo", s.material == "conductor"), std::pair("reflection_tint", fresnel)})
     if (!means && parser.has(key))
       fail_at(fmt::format("'{}' has no meaning for a {} surface", key, s.material), table.at(key), "remove it");
+  if (s.translucence != dvec3(0) && s.material != "diffuse")
+    fail_at(fmt::format("'translucence' has no meaning for a {} surface", s.material), table.at("translucence"),
+            "remove it");
+  if (const double all = max_component(s.albedo + s.translucence); all > 1 + 1e-9)
+    fail_at(fmt::format("albedo and translucence are {:.6g} together", all), table.at("translucence"),
+            "expected at most 1");
   check_group(parser, s.group, s.radiance != dvec3(0), table);
+  if (!s.radiance_texture.empty() && s.radiance == dvec3(0))
+    fail_at("'radiance_texture' has no meaning without 'radiance'", table.at("radiance_texture"),
+            "set radiance, or remove it");
   if (s.two_sided && s.radiance == dvec3(0))
     fail_at("'two_sided' has no meaning without 'radiance'", table.at("two_sided"), "set radiance, or remove it");
   if (s.object_to_world_end != dmat4(0.0) && s.radiance != dvec3(0))

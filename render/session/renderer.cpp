@@ -23,7 +23,8 @@ PreparedScene::PreparedScene(Scene scene, const LayerRequest& layers, const Task
     surfaces_ = std::make_unique<Surfaces>(scene_.surfaces, media_.world_shift(), blurred);
     for (uint32_t i = 0; i < surfaces_->count(); ++i) {
       const SurfaceSettings& s = scene_.surfaces[i];
-      if (s.radiance != dvec3(0)) lights_.add_mesh(surfaces_->mesh(i), s.radiance, s.two_sided, i);
+      if (s.radiance != dvec3(0))
+        lights_.add_mesh(surfaces_->mesh(i), s.radiance, s.two_sided, i, surfaces_->emission_share(i));
       catcher = catcher || s.role == "shadow_catcher";
     }
   }

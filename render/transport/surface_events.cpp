@@ -54,11 +54,11 @@ bool SurfaceEvents::meet(size_t i, const dvec3& eye, SlotList& shadows) {
     return false;
   }
   if (first && v.settings.role == "shadow_catcher") return pass_catcher(i, v, shadows);
-  if (const dvec3 emitted = c_.surfaces->emitted(v.hit.surface, v.front); emitted != dvec3(0)) emit(i, v, emitted);
+  if (const dvec3 emitted = c_.surfaces->emitted(v.hit, v.front); emitted != dvec3(0)) emit(i, v, emitted);
   if (first) past.first_on_surface = true;
   if (first && c_.plan.first_surface) {
     PathSample& sample = samples_[i];
-    sample.albedo = sample.surface_albedo = v.bsdf.albedo;
+    sample.albedo = sample.surface_albedo = v.bsdf.albedo + v.bsdf.passed;
     sample.surface_share = 1;
     sample.normal = v.frame.z;
     sample.depth = glm::distance(eye, v.p);

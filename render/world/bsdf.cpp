@@ -126,7 +126,7 @@ Bsdf Bsdf::evened() const {
 
 dvec3 Bsdf::value(const dvec3& wo, const dvec3& wi, bool inside) const {
   const double a = alpha();
-  if (kind == Kind::kDiffuse) return wi.z > 0 ? albedo * (wi.z / kPi) : dvec3(0);
+  if (kind == Kind::kDiffuse) return wi.z > 0 ? albedo * (wi.z / kPi) : passed * (-wi.z / kPi);
   if (a == 0 || wo.z <= 0) return dvec3(0);
   if (kind == Kind::kCoated) {
     if (!(wi.z > 0)) return dvec3(0);
@@ -159,7 +159,7 @@ dvec3 Bsdf::value(const dvec3& wo, const dvec3& wi, bool inside) const {
 
 double Bsdf::pdf(const dvec3& wo, const dvec3& wi, bool inside) const {
   const double a = alpha();
-  if (kind == Kind::kDiffuse) return std::max(0.0, wi.z) / kPi;
+  if (kind == Kind::kDiffuse) return (wi.z > 0 ? reflection_chance() : reflection_chance() - 1) * wi.z / kPi;
   if (a == 0 || wo.z <= 0) return 0;
   if (kind == Kind::kCoated) {
     if (!(wi.z > 0)) return 0;
@@ -185,6 +185,12 @@ double Bsdf::pdf(const dvec3& wo, const dvec3& wi, bool inside) const {
   return (1.0 - fresnel_dielectric(co, eta)) * visible_d(wo, m, a) * eta * eta * std::abs(ci) / square(co + eta * ci);
 }
 
+/// Of a diffuse surface: of sampling what it reflects rather than what passes through it.
+double Bsdf::reflection_chance() const {
+  const double through = max_component(passed);
+  return through > 0 ? max_component(albedo) / (max_component(albedo) + through) : 1.0;
+}
+
 /// Both parts of a coated surface, in a direction of either. @return whether it carries anything
 bool Bsdf::weigh(const dvec3& wo, Sample& out) const {
   out.pdf = pdf(wo, out.wi, false);
@@ -202,6 +208,14 @@ bool Bsdf::sample(const dvec3& wo, bool inside, const dvec3& u, Sample& out) con
     out.wi = {r * phi.cos, r * phi.sin, std::sqrt(std::max(0.0, 1.0 - u.x))};
     out.pdf = out.wi.z / kPi;
     out.weight = albedo;
+    if (kind == Kind::kDiffuse && passed != dvec3(0)) {
+      const double reflects = reflection_chance();
+      out.transmitted = u.z >= reflects;
+      out.weight = out.transmitted ? passed / (1 - reflects) : albedo / reflects;
+      out.pdf *= out.transmitted ? 1 - reflects : reflects;
+      if (out.transmitted) out.wi.z = -out.wi.z;
+      return out.wi.z != 0;
+    }
     return out.wi.z > 0 && (kind == Kind::kDiffuse || weigh(wo, out));
   }
   const dvec3 m = a == 0 ? dvec3(0, 0, 1) : sample_visible_normal(wo, a, u.x, u.y);

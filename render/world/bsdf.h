@@ -28,6 +28,7 @@ struct Bsdf {
   double ior = 1.5;      ///< dielectric, coat: inside over outside
   dvec3 edge{1};         ///< conductor: reflectance at grazing incidence; dielectric, coat: tint of what is reflected
   const CoatAlbedo* coat = nullptr;  ///< coated
+  dvec3 passed{0};                   ///< diffuse: transmittance, of light that leaves on the other side
 
   /// Perfectly specular: no light sampling can meet it.
   bool delta() const { return kind != Kind::kDiffuse && alpha() == 0; }
@@ -62,6 +63,7 @@ struct Bsdf {
   double base_share(double cos_o, double cos_i) const;
   double coat_chance(double cos_o) const;
   bool weigh(const dvec3& wo, Sample& out) const;
+  double reflection_chance() const;
 };
 
 /// Unpolarised Fresnel reflectance. @param cos_i of the incident side, >= 0; @param eta transmitted over incident index

@@ -2,6 +2,7 @@
 
 #include <algorithm>
 #include <cmath>
+#include <utility>
 
 #include "render/world/mesh.h"
 
@@ -147,8 +148,8 @@ double PointLight::importance(const dvec3& p) const {
   return d2 > 0 ? shape * luminance(intensity_) / d2 : 0.0;
 }
 
-MeshLight::MeshLight(const TriangleMesh& mesh, const dvec3& radiance, bool two_sided)
-    : mesh_(&mesh), radiance_(radiance), two_sided_(two_sided) {
+MeshLight::MeshLight(const TriangleMesh& mesh, const dvec3& radiance, bool two_sided, EmissionShare share)
+    : mesh_(&mesh), radiance_(radiance), share_(std::move(share)), two_sided_(two_sided) {
   cdf_.reserve(mesh.triangles.size());
   for (size_t i = 0; i < mesh.triangles.size(); ++i) {
     area_ += mesh.area(i);
@@ -160,9 +161,24 @@ MeshLight::MeshLight(const TriangleMesh& mesh, const dvec3& radiance, bool two_s
           projected_[static_cast<size_t>(2 * axis + back)] += std::abs(facing[axis]);
   }
   for (double& c : cdf_) c /= area_;
+  mean_ = share_ ? radiance_ * mean_share() : radiance_;
   for (const dvec3& v : mesh.positions) centre_ += v;
   centre_ /= static_cast<double>(mesh.positions.size());
   for (const dvec3& v : mesh.positions) extent_ = std::max(extent_, glm::distance(centre_, v));
+}
+
+/// At points spread over the area.
+dvec3 MeshLight::mean_share() const {
+  constexpr int kPoints = 4096;
+  dvec3 sum(0);
+  for (int k = 0; k < kPoints; ++k) {
+    constexpr double kFirst = 0.7548776662466927, kSecond = 0.5698402909980532;  // of the plastic number
+    const double at = (k + 0.5) / kPoints, root = std::sqrt(k * kFirst - std::floor(k * kFirst));
+    const double along = k * kSecond - std::floor(k * kSecond);
+    const auto i = static_cast<size_t>(std::upper_bound(cdf_.begin(), cdf_.end(), at) - cdf_.begin());
+    sum += share_(static_cast<uint32_t>(std::min(i, cdf_.size() - 1)), root * (1 - along), root * along);
+  }
+  return sum / double{kPoints};
 }
 
 double MeshLight::projected_area(const dvec3& direction) const {
@@ -187,12 +203,14 @@ LightSample MeshLight::sample(const dvec3& p, const dvec2& u) const {
   const double cos_theta = glm::dot(wi, mesh_->normal(i));
   if (cos_theta == 0) return {};
   const bool shines = two_sided_ || cos_theta < 0;
-  return {wi, shines ? radiance_ : dvec3(0), pdf(distance, cos_theta), distance, false};
+  dvec3 radiance = shines ? radiance_ : dvec3(0);
+  if (shines && share_) radiance *= share_(static_cast<uint32_t>(i), root * (1.0 - u.y), root * u.y);
+  return {wi, radiance, pdf(distance, cos_theta), distance, false};
 }
 
 double MeshLight::importance(const dvec3& p) const {
   const double d = std::max(glm::distance(p, centre_), extent_);
-  return luminance(radiance_) * area_ / (d * d);
+  return luminance(mean_) * area_ / (d * d);
 }
 
 }  // namespace brume

@@ -2,6 +2,7 @@
 #include <algorithm>
 #include <array>
 #include <cmath>
+#include <functional>
 #include <vector>
 
 #include "render/world/light.h"
@@ -100,25 +101,31 @@ class PointLight : public Light {
   double cos_inner_ = -2, cos_outer_ = -2;  // -2: a point light, no cone
 };
 
-/// Triangles that emit the same radiance from every point, on the side their normals point to or on both. Rays find
-/// them through the scene's surfaces, not through this.
+/// The share of a mesh's radiance that a point of a triangle emits. @param u, v  shares of its second and third corner
+using EmissionShare = std::function<dvec3(uint32_t triangle, double u, double v)>;
+
+/// Triangles that emit on the side their normals point to or on both. Rays find them through the scene's surfaces, not
+/// through this.
 class MeshLight : public Light {
  public:
-  MeshLight(const TriangleMesh& mesh, const dvec3& radiance, bool two_sided);
+  /// @param share  none: it emits the same radiance from every point
+  MeshLight(const TriangleMesh& mesh, const dvec3& radiance, bool two_sided, EmissionShare share = {});
   LightSample sample(const dvec3& p, const dvec2& u) const override;
   double importance(const dvec3& p) const override;
-  std::optional<LightPlace> place() const override { return LightPlace{centre_, extent_, area_ * radiance_}; }
+  std::optional<LightPlace> place() const override { return LightPlace{centre_, extent_, area_ * mean_}; }
   /// In solid angle at distance t, for a point of the mesh met under cos_theta.
   double pdf(double t, double cos_theta) const { return t * t / (area_ * std::abs(cos_theta)); }
-  const dvec3& radiance() const { return radiance_; }
+  const dvec3& mean_radiance() const { return mean_; }
   const dvec3& middle() const { return centre_; }
   /// Of the faces that shine there, seen from afar along a direction that leads to the mesh; self-occlusion is left
   /// out, and what lies between the axes interpolated.
   double projected_area(const dvec3& direction) const;
 
  private:
+  dvec3 mean_share() const;
   const TriangleMesh* mesh_;
-  dvec3 radiance_, centre_{0};
+  dvec3 radiance_, mean_{0}, centre_{0};
+  EmissionShare share_;
   bool two_sided_;
   double area_ = 0, extent_ = 0;
   std::array<double, 6> projected_{};  // along -x, x, -y, y, -z, z

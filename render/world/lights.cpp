@@ -145,8 +145,9 @@ Lights::Lights(const Scene& scene, const dvec3& world_shift, const Task& task) :
   }
 }
 
-size_t Lights::add_mesh(const TriangleMesh& mesh, const dvec3& radiance, bool two_sided, size_t surface) {
-  auto light = std::make_unique<MeshLight>(mesh, radiance, two_sided);
+size_t Lights::add_mesh(const TriangleMesh& mesh, const dvec3& radiance, bool two_sided, size_t surface,
+                        EmissionShare share) {
+  auto light = std::make_unique<MeshLight>(mesh, radiance, two_sided, std::move(share));
   if (!groups().empty()) light->group = groups_.surfaces[surface];
   meshes_.push_back(light.get());
   all_.push_back(std::move(light));

@@ -47,7 +47,7 @@ class Lights {
   /// @param world_shift  subtracted from positions
   Lights(const Scene& scene, const dvec3& world_shift, const Task& task = {});
   /// A mesh that emits; returns its number for mesh(). @param surface  its number in the scene
-  size_t add_mesh(const TriangleMesh& mesh, const dvec3& radiance, bool two_sided, size_t surface);
+  size_t add_mesh(const TriangleMesh& mesh, const dvec3& radiance, bool two_sided, size_t surface, EmissionShare share);
   /// The volumes of all fields that emit. @param volumes  numbers in the scene
   void set_emissions(const std::vector<size_t>& volumes);
   /// A field that emits; fields keep their order. One that moves or emits nothing is no light.

@@ -8,12 +8,14 @@
 #include <fmt/format.h>
 
 #include <algorithm>
+#include <bit>
 #include <cmath>
 #include <cstring>
 #include <limits>
 
 #include "base/error.h"
 #include "base/parallel_for.h"
+#include "base/rng.h"
 #include "image/picture_io.h"
 #include "volume/placement.h"
 
@@ -58,6 +60,40 @@ struct Surfaces::Texture {
   static double wrap(double v) { return v - std::floor(v); }
 };
 
+/// What a surface lets pass: camera rays, where these do not see it, and the share of rays that its alpha says. And
+/// what it emits.
+struct Surfaces::Cutout {
+  const TriangleMesh* mesh;
+  std::unique_ptr<Texture> texture;  ///< null: alpha alone
+  std::unique_ptr<Texture> glow;     ///< of what it emits; null: the same everywhere
+  double alpha = 1;
+  bool seen = true;
+
+  bool any_alpha() const { return alpha < 1 || texture; }
+  /// At a point of a triangle. @param u, v  shares of its second and third corner
+  double at(uint32_t triangle, float u, float v) const {
+    return texture ? alpha * texture->lookup(texcoord(triangle, u, v)).x : alpha;
+  }
+  vec2 texcoord(uint32_t triangle, double u, double v) const {
+    const ivec3& t = mesh->triangles[triangle];
+    const std::vector<vec2>& uv = mesh->texcoords;
+    return vec2(dvec2(uv[t.x]) * (1 - u - v) + dvec2(uv[t.y]) * u + dvec2(uv[t.z]) * v);
+  }
+};
+
+namespace {
+
+/// A number in [0, 1) for a ray and a triangle, as good as random: whether the ray meets the triangle does not depend
+/// on who asks, nor on what was drawn before.
+double chance_of(const RTCRay& ray, unsigned surface, unsigned triangle) {
+  uint64_t hash = hash_combine(surface, triangle);
+  for (const float x : {ray.org_x, ray.org_y, ray.org_z, ray.dir_x, ray.dir_y, ray.dir_z, ray.time})
+    hash = hash_combine(hash, std::bit_cast<uint32_t>(x));
+  return static_cast<double>(hash >> 11u) * 0x1p-53;
+}
+
+}  // namespace
+
 struct Surfaces::Embree {
   // One instruction set for all machines: their roundings differ. No file of the user's may choose another. Embree
   // limits the whole program's TBB to so many threads: more than any machine has are no limit.
@@ -79,11 +115,12 @@ struct Surfaces::Embree {
     RTCIntersectContext base;
 #endif
     bool camera;
+    double light = 1;  ///< what cut-outs leave of it
   };
 
   /// @param camera  whether it is a camera ray
   void intersect(RTCRayHit& ray, bool camera) const {
-    Context context{{}, camera};
+    Context context{{}, camera, 1};
 #if BRUME_EMBREE_MAJOR >= 4
     rtcInitRayQueryContext(&context.base);
     RTCIntersectArguments arguments;
@@ -96,22 +133,26 @@ struct Surfaces::Embree {
 #endif
   }
 
-  /// Whether anything is in the way of a ray that is no camera ray.
-  bool occluded(RTCRay& ray) const {
+  /// The share of a ray's light, which is no camera ray, that gets through.
+  double passage(RTCRay& ray) const {
+    Context context{{}, false, 1};
 #if BRUME_EMBREE_MAJOR >= 4
-    rtcOccluded1(scene, &ray);
+    rtcInitRayQueryContext(&context.base);
+    RTCOccludedArguments arguments;
+    rtcInitOccludedArguments(&arguments);
+    arguments.context = &context.base;
+    rtcOccluded1(scene, &ray, &arguments);
 #else
-    Context context{{}, false};
     rtcInitIntersectContext(&context.base);
     rtcOccluded1(scene, &context.base, &ray);
 #endif
-    return ray.tfar < 0;
+    return ray.tfar < 0 ? 0.0 : context.light;
   }
 
-  /// @param seen    whether camera rays meet it
+  /// @param cutout  outlives this
   /// @param to_box  from the world to what Embree sees
   template <class ToBox>
-  void add(const TriangleMesh& mesh, bool seen, const ToBox& to_box) {
+  void add(const TriangleMesh& mesh, Cutout& cutout, const ToBox& to_box) {
     RTCGeometry geometry = rtcNewGeometry(device, RTC_GEOMETRY_TYPE_TRIANGLE);
     const unsigned times = mesh.moves() ? 2 : 1;
     rtcSetGeometryTimeStepCount(geometry, times);
@@ -127,9 +168,23 @@ struct Surfaces::Embree {
                                                   mesh.triangles.size());
     if (!indices) throw std::bad_alloc();
     std::memcpy(indices, mesh.triangles.data(), mesh.triangles.size() * sizeof(ivec3));
-    if (!seen)
+    rtcSetGeometryUserData(geometry, &cutout);
+    if (!cutout.seen || cutout.any_alpha())
       rtcSetGeometryIntersectFilterFunction(geometry, [](const RTCFilterFunctionNArguments* query) {
-        if (reinterpret_cast<const Context*>(query->context)->camera) query->valid[0] = 0;
+        const auto& own = *static_cast<const Cutout*>(query->geometryUserPtr);
+        if (!own.seen && reinterpret_cast<const Context*>(query->context)->camera) query->valid[0] = 0;
+        if (!own.any_alpha()) return;
+        const auto& ray = *reinterpret_cast<const RTCRay*>(query->ray);
+        const auto& hit = *reinterpret_cast<const RTCHit*>(query->hit);
+        const double alpha = own.at(hit.primID, hit.u, hit.v);
+        if (alpha < 1 && !(chance_of(ray, hit.geomID, hit.primID) < alpha)) query->valid[0] = 0;
+      });
+    if (cutout.any_alpha())
+      rtcSetGeometryOccludedFilterFunction(geometry, [](const RTCFilterFunctionNArguments* query) {
+        const auto& hit = *reinterpret_cast<const RTCHit*>(query->hit);
+        double& light = reinterpret_cast<Context*>(query->context)->light;
+        light *= 1 - static_cast<const Cutout*>(query->geometryUserPtr)->at(hit.primID, hit.u, hit.v);
+        if (light > 0) query->valid[0] = 0;
       });
     rtcCommitGeometry(geometry);
     rtcAttachGeometry(scene, geometry);
@@ -145,6 +200,7 @@ struct Surfaces::Query {
 Surfaces::Surfaces(const std::vector<SurfaceSettings>& settings, const dvec3& world_shift, bool blurred)
     : settings_(settings), embree_(std::make_unique<Embree>()) {
   dvec3 lo(std::numeric_limits<double>::infinity()), hi = -lo;
+  meshes_.reserve(settings_.size());  // cut-outs point at them
   for (const SurfaceSettings& s : settings_) {
     add_mesh(s, world_shift, blurred);
     const TriangleMesh& mesh = meshes_.back();
@@ -163,7 +219,7 @@ Surfaces::Surfaces(const std::vector<SurfaceSettings>& settings, const dvec3& wo
   scale_ = std::exp2(-std::ceil(std::log2(extent)));
   half_ = 0.5 * (hi - lo) * scale_;
   for (size_t i = 0; i < meshes_.size(); ++i)
-    embree_->add(meshes_[i], settings_[i].visible_to_camera, [&](const dvec3& p) { return (p - centre_) * scale_; });
+    embree_->add(meshes_[i], *cutouts_[i], [&](const dvec3& p) { return (p - centre_) * scale_; });
   // The same tree for any number of threads.
   run_on_threads(1, [&] { rtcCommitScene(embree_->scene); });
 }
@@ -194,6 +250,15 @@ void Surfaces::add_mesh(const SurfaceSettings& s, const dvec3& world_shift, bool
   textures_.push_back(s.albedo_texture.empty() ? nullptr : std::make_unique<Texture>(s.albedo_texture, mesh.notes));
   if (textures_.back() && mesh.texcoords.empty())
     throw InputError(fmt::format("{}: has no texture coordinates for {}", name, s.albedo_texture.string()));
+  bsdfs_.back().passed = s.translucence;
+  cutouts_.push_back(std::make_unique<Cutout>(Cutout{&mesh, nullptr, nullptr, s.alpha, s.visible_to_camera}));
+  Cutout& own = *cutouts_.back();
+  for (const auto& [path, texture] : {std::pair(&s.alpha_texture, &own.texture), {&s.radiance_texture, &own.glow}}) {
+    if (path->empty()) continue;
+    if (mesh.texcoords.empty())
+      throw InputError(fmt::format("{}: has no texture coordinates for {}", name, path->string()));
+    *texture = std::make_unique<Texture>(*path, mesh.notes);
+  }
 }
 
 Surfaces::~Surfaces() = default;
@@ -283,7 +348,7 @@ Surfaces::Passage Surfaces::passage(const Ray& ray, double t_max, double time) c
   if (!any_straight_) {
     std::optional<Query> q = query(ray, t_max, time);
     if (!q) return {};
-    return {dvec3(embree_->occluded(q->ray) ? 0.0 : 1.0)};
+    return {dvec3(embree_->passage(q->ray))};
   }
   Passage passage;
   Ray rest = ray;
@@ -302,8 +367,27 @@ Surfaces::Passage Surfaces::passage(const Ray& ray, double t_max, double time) c
 
 Bsdf Surfaces::bsdf(const SurfaceHit& hit) const {
   Bsdf bsdf = bsdfs_[hit.surface];
-  if (textures_[hit.surface]) bsdf.albedo *= textures_[hit.surface]->lookup(hit.texcoord);
+  if (!textures_[hit.surface]) return bsdf;
+  const dvec3 colour = textures_[hit.surface]->lookup(hit.texcoord);
+  bsdf.albedo *= colour;
+  bsdf.passed *= colour;
   return bsdf;
+}
+
+dvec3 Surfaces::emitted(const SurfaceHit& hit, bool front) const {
+  const SurfaceSettings& s = settings_[hit.surface];
+  if (!front && !s.two_sided) return dvec3(0);
+  const Texture* const glow = cutouts_[hit.surface]->glow.get();
+  return glow ? s.radiance * glow->lookup(hit.texcoord) : s.radiance;
+}
+
+EmissionShare Surfaces::emission_share(uint32_t surface) const {
+  const Cutout& own = *cutouts_[surface];
+  if (!own.glow && !own.any_alpha()) return {};
+  return [&own](uint32_t triangle, double u, double v) {
+    const double alpha = own.at(triangle, static_cast<float>(u), static_cast<float>(v));
+    return own.glow ? alpha * own.glow->lookup(own.texcoord(triangle, u, v)) : dvec3(alpha);
+  };
 }
 
 size_t Surfaces::light_of(uint32_t surface) const {
@@ -323,6 +407,9 @@ size_t Surfaces::bytes() const {
            m.triangles.size() * (sizeof(ivec3) * 2 + 64);
   for (const auto& t : textures_)
     if (t) sum += t->texels.size() * sizeof(vec3);
+  for (const auto& c : cutouts_)
+    for (const auto* t : {&c->texture, &c->glow})
+      if (*t) sum += (*t)->texels.size() * sizeof(vec3);
   return sum;
 }
 

@@ -8,6 +8,7 @@
 
 #include "render/scene/scene.h"
 #include "render/world/bsdf.h"
+#include "render/world/light_kinds.h"
 #include "render/world/mesh.h"
 
 namespace brume {
@@ -38,10 +39,12 @@ class Surfaces {
   Surfaces(const std::vector<SurfaceSettings>& settings, const dvec3& world_shift, bool blurred = false);
   ~Surfaces();
 
+  /// Cut-outs are met or passed by a number that follows from the ray alone.
   /// @param time    in [0, 1] of the shutter
   /// @param camera  whether the ray never scattered: some surfaces are not there for it
   std::optional<SurfaceHit> intersect(const Ray& ray, double t_max, double time = kMiddle, bool camera = false) const;
-  /// What is left of light on its way: nothing behind anything but dielectrics with straight shadows.
+  /// What is left of light on its way: nothing behind anything but cut-outs, by their alpha, and dielectrics with
+  /// straight shadows.
   struct Passage {
     dvec3 light{1};
     bool straight = false;  ///< it went through one
@@ -59,10 +62,10 @@ class Surfaces {
   size_t count() const { return meshes_.size(); }
   /// The number of a surface among those that emit: Lights::mesh's.
   size_t light_of(uint32_t surface) const;
-  /// Radiance that a surface emits on a side. @param front  the outside
-  dvec3 emitted(uint32_t surface, bool front) const {
-    return front || settings_[surface].two_sided ? settings_[surface].radiance : dvec3(0);
-  }
+  /// Radiance that a surface emits at a hit, on a side. @param front  the outside
+  dvec3 emitted(const SurfaceHit& hit, bool front) const;
+  /// What of an emitter's radiance its points emit, alpha included; none: all of it everywhere. Outlived by this.
+  EmissionShare emission_share(uint32_t surface) const;
   /// The surface's scattering at a hit: its texture looked up.
   Bsdf bsdf(const SurfaceHit& hit) const;
   /// A point of the surface that was hit, moved off it by its margin, to the side of d.
@@ -73,6 +76,7 @@ class Surfaces {
 
  private:
   struct Texture;
+  struct Cutout;
   struct Embree;
   struct Query;
   /// A ray as Embree sees it; nothing where it misses the box of the meshes.
@@ -84,6 +88,7 @@ class Surfaces {
   std::map<std::pair<double, double>, std::unique_ptr<CoatAlbedo>> coats_;  // by alpha and ior
   std::vector<TriangleMesh> meshes_;
   std::vector<std::unique_ptr<Texture>> textures_;
+  std::vector<std::unique_ptr<Cutout>> cutouts_;
   std::unique_ptr<Embree> embree_;
   bool any_straight_ = false;
   dvec3 centre_{0};   // of the box of all meshes

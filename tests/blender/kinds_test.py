@@ -1,22 +1,18 @@
 """Kinds of scenes that artists build, F12 in brume against Cycles: the mean within 1 %; or what is said of them. Runs inside
 Blender."""
 
-import math
 import os
 import sys
 import time
-import unittest
 
-import addon_utils
 import bpy
-import numpy as np
 
 sys.path.insert(0, os.path.dirname(os.path.abspath(__file__)))
 import addon_scene as scenes  # noqa: E402
 from brume_blender.translate import translate  # noqa: E402
-from builder import Builder, Shader, diffuse, scattering  # noqa: E402
+from builder import Shader, diffuse, scattering  # noqa: E402
+from comparison import WITHIN, Comparison  # noqa: E402
 
-WITHIN = 0.01
 # Gloss takes nothing from what lies under it in Cycles before 4.0, however flat it is looked at.
 WITHIN_OF = {"glossy_floor": 0.03}
 
@@ -330,51 +326,27 @@ SAID = (
 )  # fmt: skip
 
 
-class Kinds(unittest.TestCase):
-    def setUp(self):
-        folder = scenes.folder()
-        self.addCleanup(folder.cleanup)
-        self._folder = folder.name
-
-    def _built(self, kind):
-        b = Builder(os.path.join(scenes.SOURCE, "data"), 48, 36)
-        addon_utils.enable("brume_blender", default_set=True)
-        b.camera((0, -6.5, 1), (0, 0, 0.3), 40)
-        b.world([0.3, 0.4, 0.6])
-        kind(b)
-        b.plain(24)
-        b.scene.brume.samples, b.scene.brume.use_clean, b.scene.brume.indirect_limit = 96, False, 0
-        b.scene.brume.bake_millions = 6
-        return b
-
+class Kinds(Comparison):
     def _notes(self, b, kind=None):
         if kind is too_coarse:
             b.scene.brume.bake_millions = 0.01
-        return translate(bpy.context.evaluated_depsgraph_get(), b.scene, self._folder, bakes=self._folder).notes
+        return self.translated(b).notes
 
     def test_means_are_cycles(self):
         for kind in KINDS:
             with self.subTest(kind.__name__):
-                began = time.process_time()
-                b, means = self._built(kind), {}
-                for engine in ("CYCLES", "BRUME"):
-                    b.scene.render.engine = engine
-                    frame = scenes.render(os.path.join(self._folder, engine + ".exr"), b.scene)
-                    means[engine] = frame.layer("ViewLayer.Combined", "RGB").mean((0, 1), dtype=float)
-                ratio = means["BRUME"] / means["CYCLES"]
-                print(f"KIND {kind.__name__}: {np.round(ratio, 4)} of {np.round(means['CYCLES'], 4)}, {time.process_time() - began:.1f} s")
-                self.assertLess(np.abs(ratio - 1).max(), WITHIN_OF.get(kind.__name__, WITHIN), kind.__name__)
+                self.compare(kind, WITHIN_OF.get(kind.__name__, WITHIN))
 
     def test_what_is_taken_instead_is_said(self):
         for kind, note in SAID:
             with self.subTest(kind.__name__):
-                self.assertIn(note, "\n".join(self._notes(self._built(kind), kind)))
+                self.assertIn(note, "\n".join(self._notes(self.built(kind), kind)))
 
     def test_a_bake_ends_when_it_is_to(self):
         class Enough(Exception):
             pass
 
-        b, calls = self._built(wisps), []
+        b, calls = self.built(wisps), []
 
         def check():
             calls.append(time.monotonic())
@@ -382,19 +354,19 @@ class Kinds(unittest.TestCase):
                 raise Enough
 
         with self.assertRaises(Enough):
-            translate(bpy.context.evaluated_depsgraph_get(), b.scene, self._folder, bakes=self._folder, check=check)
-        self.assertEqual([name for name in os.listdir(self._folder) if name.endswith(".vdb")], [])
+            translate(bpy.context.evaluated_depsgraph_get(), b.scene, self.folder, bakes=self.folder, check=check)
+        self.assertEqual([name for name in os.listdir(self.folder) if name.endswith(".vdb")], [])
 
     def test_a_second_render_bakes_nothing(self):
-        b = self._built(cloud_times_noise)
+        b = self.built(cloud_times_noise)
         self._notes(b)
-        path = next(os.path.join(self._folder, name) for name in os.listdir(self._folder) if name.endswith(".vdb"))
+        path = next(os.path.join(self.folder, name) for name in os.listdir(self.folder) if name.endswith(".vdb"))
         written = os.stat(path).st_ino
         self._notes(b)
         self.assertEqual(os.stat(path).st_ino, written)
         bpy.data.materials["S"].node_tree.nodes["Noise Texture"].inputs["Scale"].default_value = 5
         self._notes(b)
-        self.assertEqual(len([name for name in os.listdir(self._folder) if name.endswith(".vdb")]), 2)
+        self.assertEqual(len([name for name in os.listdir(self.folder) if name.endswith(".vdb")]), 2)
 
 
 if __name__ == "__main__":

@@ -15,6 +15,7 @@ import time
 import unittest
 
 import numpy as np
+from running import runs
 
 BLENDER, BRUME, SOURCE = sys.argv[1:4]
 sys.path.insert(0, os.path.join(SOURCE, "apps", "blender", "brume_blender"))
@@ -58,14 +59,6 @@ def children_of(pid):
         if int(parent) == pid and state != "Z":
             found.append(int(path.split("/")[2]))
     return found
-
-
-def runs(pid):
-    try:
-        with open(f"/proc/{pid}/stat") as file:
-            return file.read().rpartition(")")[2].split()[0] != "Z"
-    except OSError:
-        return False
 
 
 def wait_until(condition, what):

@@ -14,6 +14,8 @@ import tempfile
 import time
 import unittest
 
+from running import runs
+
 BLENDER, BRUME, SOURCE = sys.argv[1:4]
 HERE = os.path.dirname(os.path.abspath(__file__))
 PATIENCE = 600
@@ -25,14 +27,6 @@ import bpy, addon_scene as scenes
 scenes.smoke_scene(width=640, height=480)
 bpy.ops.wm.save_as_mainfile(filepath={path!r})
 """
-
-
-def runs(pid):
-    try:
-        with open(f"/proc/{pid}/stat") as file:
-            return file.read().rpartition(")")[2].split()[0] != "Z"
-    except OSError:
-        return False
 
 
 class Viewport(unittest.TestCase):
@@ -105,6 +99,7 @@ class Viewport(unittest.TestCase):
         self.assertIn("signal 9", self.seen["killed"])
         self.assertTrue(self.seen["started_again"])
         self.assertIn("missing.vdb is not there", self.seen["problem"])
+        self.assertGreater(self.seen["problem_pixels"], 100, "written over the picture, as overlays are hidden")
         self.assertTrue(self.seen["mended"])
 
     def test_each_viewport_has_a_program_which_ends_with_it_and_with_blender(self):

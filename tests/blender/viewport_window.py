@@ -158,7 +158,9 @@ class Scenario:
         path, volume.filepath = volume.filepath, os.path.join(FOLDER, "missing.vdb")
         yield lambda: views()[0]._problem is not None
         seen["problem"] = views()[0]._problem
-        self.screenshot("problem")
+        yield self.later(lambda: True)
+        drawn = self.screenshot("problem")
+        seen["problem_pixels"] = int(np.all(np.abs(drawn - srgb(own.PROBLEM_COLOUR[:3])) < 0.1, -1).sum())
         volume.filepath = path
         yield self.later(self.answered(whole=False))
         seen["mended"] = views()[0]._problem is None

@@ -296,7 +296,7 @@ class Tracer {
     if ((front || settings.two_sided) && settings.radiance != dvec3(0)) {
       const dvec3 before = s_.surface;
       const MeshLight& light = lights_.mesh(scene_.surfaces->light_of(hit.surface));
-      find_light(settings.radiance,
+      find_light(scene_.surfaces->emitted(hit, front),
                  lights_.choice(false).probability(light, from_vertex().o) *
                      light.pdf(passed_ + hit.t, glm::dot(wo, hit.normal)),
                  s_.surface);
@@ -304,7 +304,7 @@ class Tracer {
     }
     if (events_ == 0) {
       first_on_surface_ = true;
-      s_.albedo = s_.surface_albedo = bsdf.albedo;
+      s_.albedo = s_.surface_albedo = bsdf.albedo + bsdf.passed;
       s_.surface_share = 1;
       s_.normal = frame.z;
       s_.depth = glm::distance(eye_, p);

@@ -21,6 +21,7 @@ from .region import camera_of, place_of
 from .translate import CannotTranslate, Folder, View, translate
 
 LOOK = 0.015  # seconds between two looks for news
+PROBLEM_COLOUR = (1.0, 0.45, 0.1, 1.0)  # linear
 REACH = 100.0  # at least, from the origin to where a view may be
 
 
@@ -74,6 +75,7 @@ class Viewport:
         self._upload()
         self._draw(context, depsgraph.scene)
         self._tell()
+        self._write_problem(context)
 
     # The scene
 
@@ -201,6 +203,23 @@ class Viewport:
         more = f" (and {len(self._remarks) - 1} more; F12 reports all)" if len(self._remarks) > 1 else ""
         remarks = self._remarks[0] + more if self._remarks else ""
         self._engine().update_stats("brume | " + (problem or self._state()), "" if problem else remarks)
+
+    def _write_problem(self, context):
+        """Over the picture, where Blender hides its own texts with the overlays."""
+        problem = self._problem or (self._live.problem() if self._live is not None else None)
+        if not problem or context.space_data.overlay.show_overlays:
+            return
+        import blf
+
+        scale, font = context.preferences.system.ui_scale, 0
+        blf.enable(font, blf.WORD_WRAP | blf.SHADOW)
+        blf.word_wrap(font, max(int(context.region.width - 140 * scale), 100))
+        blf.shadow(font, 5, 0, 0, 0, 1)
+        blf.size(font, 12 * scale, *([72] if bpy.app.version < (4, 0, 0) else []))
+        blf.color(font, *PROBLEM_COLOUR)
+        blf.position(font, 70 * scale, context.region.height - 60 * scale, 0)
+        blf.draw(font, "brume | " + problem)
+        blf.disable(font, blf.WORD_WRAP | blf.SHADOW)
 
     def _state(self):
         if self._shown is None:

@@ -20,6 +20,7 @@ from .files import Folder
 from .film import film_size, film_table, pixel_aspect_of
 from .fog import world_fog_table
 from .fluids import domain_of, domain_tables
+from .instances import Instances
 from .lights import light_table
 from .meshes import MESH_LIKE
 from .motion import motion_of
@@ -28,7 +29,7 @@ from .placement import matrices_of
 from .places import Place
 from .surfaces import Surfaces
 from .toml_text import Table, toml_text
-from .volumes import file_of, volume_shader_of, volume_tables
+from .volumes import factor_of, file_of, volume_shader_of, volume_tables
 from .world import world_of, world_tables
 
 __all__ = ["CannotTranslate", "Folder", "Translation", "View", "translate"]
@@ -97,6 +98,7 @@ class _Translator:
         self._set_frame, self._view, self._check = set_frame, view, check
         self._shown = "show_render" if depsgraph.mode == "RENDER" else "show_viewport"  # switch of modifiers
         self._reach = 0.0  # from the origin to what lies farthest from it
+        self._instances, self._corners = Instances(), {}  # corners: of volumes' boxes, by what they are of
 
     @property
     def _scene(self):
@@ -112,7 +114,7 @@ class _Translator:
             self._motion = motion_of(self._depsgraph, self._scene, self._frame, self._set_frame, size, self._notes)
         self._layer = self._view_layer()
         self._named = self._view is None and (self._layer.use_pass_cryptomatte_object or self._layer.use_pass_cryptomatte_material)
-        self._surfaces = Surfaces(self._folder, self._notes, self._layer, self._bake, self._named)
+        self._surfaces = Surfaces(self._folder, self._notes, self._layer, self._bake, self._instances, self._named)
         self._camera = camera_of(self._depsgraph, self._scene) if self._view is None else None
         head = [
             Table("[render]").set(frame=max(self._frame, 0)),
@@ -125,6 +127,7 @@ class _Translator:
             far = [Table("[environment]"), fog]
             tables = [table for table in tables if not table.holds(type="sun")]
         tables = head + far + tables
+        tables = self._instances.placed(tables, self._folder)
         text = "\n".join(["\n".join(self._comment()), f"name = {toml_text(self._scene.name)}\n", *(t.text() for t in tables)])
         return Translation(
             text,
@@ -181,7 +184,11 @@ class _Translator:
 
     def _is_shown(self, instance, thing):
         if self._view is None:
-            return not thing.hide_render
+            owner = instance.parent if instance.is_instance else None
+            if owner is None:
+                return not thing.hide_render
+            # What a collection hides has no instances; what geometry nodes, vertices and particles show may itself be hidden.
+            return not (owner.hide_render or (owner.instance_type == "COLLECTION" and thing.hide_render))
         return (instance.parent if instance.is_instance and instance.parent else thing).visible_in_viewport_get(self._view.space)
 
     def _materials(self, thing):
@@ -225,11 +232,7 @@ class _Translator:
             self._notes.say(thing.name, "its deformation is left out of the motion blur")
         if thing.type == "VOLUME":
             self._say_visibility(thing)
-            shutter = self._motion and self._motion.shutter
-            file = file_of(thing, instance.matrix_world, shutter, self._scene, self._frame_of_files, self._folder, self._shown)
-            if file.grids is not None:
-                self._say_clipped(thing, file.corners, instance.matrix_world)
-            return volume_tables(thing, self._materials(thing), file, self._place(instance), self._bake, matrices, self._notes)
+            return self._volume(instance, thing, matrices)
         self._say_particles(thing)
         self._say_clipped(thing, thing.bound_box, instance.matrix_world)
         domain = domain_of(thing, self._shown)
@@ -242,6 +245,26 @@ class _Translator:
             )  # fmt: skip
         owner = instance.parent if instance.is_instance and instance.parent else thing
         return self._surfaces.tables(thing, owner, self._materials(thing), self._place(instance, thing.bound_box), matrices)
+
+    def _volume(self, instance, thing, matrices):
+        materials, factor = self._materials(thing), factor_of(thing.data, instance.matrix_world)
+        key = (thing.data.as_pointer(), *(material and material.name_full for material in materials))
+
+        def made():
+            shutter = self._motion and self._motion.shutter
+            file = file_of(thing, factor, shutter, self._scene, self._frame_of_files, self._folder, self._shown)
+            self._corners[key] = file.corners
+            place = self._place(instance)
+            tables = volume_tables(thing, materials, file, place, self._bake, matrices, self._notes)
+            return tables, not place.told
+
+        if matrices[1] is not None:
+            tables, _ = made()
+        else:
+            tables = self._instances.tables(key, matrices[0], factor, made)
+        if self._corners[key]:
+            self._say_clipped(thing, self._corners[key], instance.matrix_world)
+        return tables
 
     def _say_clipped(self, thing, corners, matrix):
         self._reach = max([self._reach, *((matrix @ Vector(corner)).length for corner in corners)])

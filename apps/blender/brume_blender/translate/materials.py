@@ -1,5 +1,6 @@
-"""Surface shaders as brume's materials: diffuse, coated, metal, glass, and light that they emit. Of mixtures the part that weighs
-most is taken; what is left out is said."""
+"""Surface shaders as brume's materials: diffuse, coated, metal, glass, light that they emit, and alpha for what is transparent.
+Mixtures of diffuse and translucent parts are one surface; of others the part that weighs most is taken. What is left out is
+said."""
 
 from dataclasses import dataclass, field
 
@@ -7,8 +8,9 @@ import bpy
 import numpy as np
 
 from .node_values import UnknownNode, Values
-from .nodes import output_of, tree_of
-from .pictures import pixels_of
+from .nodes import as_the_camera_sees, output_of, tree_of
+from .pictures import NoPicture, alpha_of, pixels_of
+from .shares import Blend, Rest, Share
 
 DIMMED_SINCE = (4, 0, 0)  # Principled's gloss takes from its base what it reflects, and that is Lambert's
 LEAST = 1e-3  # what weighs less, or emits less, is nothing
@@ -20,13 +22,15 @@ class Bsdf:
 
     material: str
     weight: float
-    colour: object  # a plug, or three numbers
+    colour: object  # a plug, three numbers, or a Blend
     roughness: float = 0.0
     ior: float = 1.5
     fresnel: bool = True  # metals reflect all at grazing angles, glass reflects without a tint
     tint: object = None  # of what a coat reflects
     gain: float = 1.0  # on its colour
     told: list = field(default_factory=list)  # what was taken instead
+    share: Share = Share()
+    through: object = None  # Blend of the part of `colour` that leaves on the other side
 
 
 @dataclass
@@ -37,6 +41,8 @@ class Surface:
     radiance: np.ndarray
     holdout: bool = False
     invisible: bool = False
+    alpha: object = None  # Rest; None: it is opaque
+    glow: object = None  # Blend, where its radiance varies; that is the mean then
 
 
 def surface_of(material, notes):
@@ -58,57 +64,109 @@ class _Shader:
         self._name, self._notes = name, notes
         self._bsdfs, self._radiance = [], np.zeros(3)
         self._holdout = self._transparent = 0.0
+        self._unsure = []  # what was taken for numbers that vary, which matters where a part is taken alone
+        self._clear = []  # (Share, colour, 1) of transparent parts
+        self._lit = []  # (Share, colour, 1) of what emits
 
     def resolve(self, plug):
-        self._collect(plug, 1.0)
+        self._collect(plug, 1.0, Share())
         if self._holdout >= 0.5:
             return Surface(None, np.zeros(3), holdout=True)
         bsdfs = sorted((b for b in self._bsdfs if b.weight > LEAST), key=lambda b: -b.weight)
         glows = self._radiance.max() > LEAST
+        alpha = Rest(self._clear) if self._transparent > LEAST else None
+        if alpha is not None and (bsdfs or glows) and self._transparent > 1 - LEAST:
+            self._say("adds light to all that it lets through; its transparent part is left out")
+            alpha = None
+        radiance, glow = self._glow(alpha) if glows else (np.zeros(3), None)
         if not bsdfs:
-            if self._transparent > LEAST and not glows:
+            if alpha is not None and not glows and not self._absorbs(alpha):
                 return Surface(None, np.zeros(3), invisible=True)
-            return Surface(Bsdf("diffuse", 1, [0.0] * 3), self._radiance)
-        best = bsdfs[0]
-        left = [f"{b.material} ({b.weight:.2g})" for b in bsdfs[1:]]
-        if self._transparent > LEAST:
-            left.append(f"transparent ({self._transparent:.2g})")
+            return Surface(Bsdf("diffuse", 1, [0.0] * 3), radiance, alpha=alpha, glow=glow)
+        best = self._diffused(bsdfs, alpha) or bsdfs[0]
+        left = [f"{b.material} ({b.weight:.2g})" for b in bsdfs[1:] if best in bsdfs]
         if left:
+            for told in self._unsure:
+                self._say(told)
             self._say(f"is a mixture; its {best.material} part ({best.weight:.2g}) is taken alone, without {', '.join(left)}")
         for told in best.told:
             self._say(told)
-        return Surface(best, self._radiance)
+        return Surface(best, radiance, alpha=alpha, glow=glow)
+
+    def _glow(self, alpha):
+        """(radiance, Blend of one that varies or None)"""
+        glow = Blend(self._lit, alpha)
+        try:
+            radiance = np.asarray(glow.of(Values(self._rays)))
+            if radiance.ndim == 1:
+                return np.maximum(radiance, 0), None
+        except UnknownNode:
+            pass
+        return self._radiance, glow
+
+    def _absorbs(self, alpha):
+        """Whether a surface that scatters nothing is seen: not all of it is clear."""
+        try:
+            return bool(np.any(alpha.of(Values(self._leaf)) > LEAST))
+        except UnknownNode:
+            return True
+
+    def _diffused(self, bsdfs, alpha):
+        """Diffuse and translucent parts as one; None: there are others, or one alone that is diffuse."""
+        through = [b for b in bsdfs if b.material == "translucent"]
+        alone = len(bsdfs) == 1 and not through and abs(bsdfs[0].weight + self._transparent - 1) < LEAST
+        if alone or any(b.material not in ("diffuse", "translucent") for b in bsdfs):
+            return None
+        sums = Blend([(b.share, b.colour, b.gain) for b in bsdfs], alpha)
+        passed = Blend([(b.share, b.colour, 1) for b in through], alpha) if through else None
+        return Bsdf("diffuse", 1, sums, told=[told for b in bsdfs for told in b.told], through=passed)
 
     def _say(self, text):
         self._notes.say(self._name, "the material " + text)
 
-    def _collect(self, plug, weight):
+    def _collect(self, plug, weight, share):
         if not plug.socket.is_output or weight <= 0:
             return
         node = plug.node
         if node.type == "ADD_SHADER":
             for part in plug.inputs():
-                self._collect(part.resolve(), weight)
+                self._collect(part.resolve(), weight, share)
         elif node.type == "MIX_SHADER":
-            share = min(max(self.number(plug.input("Fac", "Factor")), 0), 1)
-            for part, own in zip(plug.inputs()[1:], (1 - share, share)):
-                self._collect(part.resolve(), weight * own)
+            factor = plug.input("Fac", "Factor")
+            mean = min(max(self.number(factor, self._unsure.append), 0), 1)
+            for part, own, meant in zip(plug.inputs()[1:], (1 - mean, mean), (Share.REST, Share.SHARE)):
+                self._collect(part.resolve(), weight * own, share.times(factor, meant))
         elif node.type in _SHADERS:
             self._say_normals(plug)
+            self._share = share
             _SHADERS[node.type](self, plug, weight)
         else:
-            self._lacks(plug, weight)
+            self._lacks(plug, weight, share)
 
-    def number(self, plug):
-        """A number that is the same all over a surface."""
+    def _leaf(self, plug):
+        """What is known of nodes without a point: all of an image; rays are the camera's, and they see the front."""
+        node = plug.node
+        seen = self._rays(plug)
+        if seen is not None:
+            return seen
+        if node.type != "TEX_IMAGE" or node.image is None:
+            return None
+        if plug.socket.name == "Alpha":
+            return alpha_of(node.image).ravel()
+        return pixels_of(node.image, self._notes, self._name).reshape(-1, 3)
+
+    def number(self, plug, say=None):
+        """A number that is the same all over a surface. @param say  function of what was taken instead; says it unless given"""
+        say = say or self._say
         try:
-            value = np.asarray(Values().number(plug))
+            value = np.asarray(Values(self._leaf).number(plug))
             if value.ndim == 0:
                 return float(value)
-        except UnknownNode as unknown:
+        except (UnknownNode, NoPicture, ValueError) as unknown:
             default = getattr(plug.socket, "default_value", 0.0)
-            self._say(f"has '{plug.socket.name}' from {unknown}; its value without, {default:.4g}, is taken")
+            say(f"has '{plug.socket.name}' from {unknown}; its value without, {default:.4g}, is taken")
             return float(default)
+        say(f"has '{plug.socket.name}' from an image; its mean, {value.mean():.4g}, is taken")
         return float(value.mean())
 
     def _say_normals(self, plug):
@@ -116,14 +174,17 @@ class _Shader:
             if socket.type == "VECTOR" and socket.is_linked and "Normal" in socket.name:
                 self._say("has bumps, which are left out")
 
-    def _lacks(self, plug, weight):
+    def _lacks(self, plug, weight, share):
         colours = [p for p in plug.inputs() if p.socket.type == "RGBA"]
-        bsdf = Bsdf("diffuse", weight, colours[0] if colours else [0.8] * 3)
+        bsdf = Bsdf("diffuse", weight, colours[0] if colours else [0.8] * 3, share=share)
         bsdf.told.append(f"has {plug.node.bl_label}, which brume lacks; a diffuse surface is taken")
         self._bsdfs.append(bsdf)
 
+    def _translucent(self, plug, weight):
+        self._bsdfs.append(Bsdf("translucent", weight, plug.input("Color"), share=self._share))
+
     def _diffuse(self, plug, weight):
-        bsdf = Bsdf("diffuse", weight, plug.input("Color"))
+        bsdf = Bsdf("diffuse", weight, plug.input("Color"), share=self._share)
         roughness = self.number(plug.input("Roughness"))
         if roughness > LEAST:
             bsdf.told.append(f"has a diffuse roughness of {roughness:.3g}; it is taken as 0")
@@ -156,26 +217,34 @@ class _Shader:
         self._bsdfs.append(bsdf)
 
     def _emission(self, plug, weight):
-        self._emit(plug.input("Color"), self.number(plug.input("Strength")) * weight)
+        self._emit(plug.input("Color"), plug.input("Strength"), weight)
 
-    def _emit(self, colour, strength):
-        if strength <= 0:
-            return
-        try:
-            value = np.asarray(Values().colour(colour))
-        except UnknownNode as unknown:
-            values = Values(self._mean_of_image, lambda p, _: 0.5 if p.socket.type == "VALUE" else np.full(3, 0.5))
-            value = np.atleast_2d(values.colour(colour)).mean(0)
-            self._say(f"emits light coloured by {unknown}; the mean of its image, or 0.5 for other textures, is taken")
-        self._radiance = self._radiance + strength * np.maximum(value, 0)
+    def _emit(self, colour, strength, weight):
+        self._lit.append((self._share.times(strength, Share.NUMBER), colour, 1))
+        number = self.number(strength, self._unsure.append)
+        if number <= 0 and strength.resolve().socket.is_output:
+            number = 1.0  # it may be more somewhere
+        values = Values(self._mean_of_image, lambda p, _: 0.5 if p.socket.type == "VALUE" else np.full(3, 0.5))
+        mean = np.atleast_2d(values.colour(colour)).mean(0)
+        self._radiance = self._radiance + max(weight * number, 0) * np.maximum(mean, 0)
+
+    def _rays(self, plug):
+        return as_the_camera_sees(plug, self._say)
 
     def _mean_of_image(self, plug):
-        if plug.node.type != "TEX_IMAGE" or plug.node.image is None or plug.socket.name == "Alpha":
-            return None
+        seen = self._rays(plug)
+        if seen is not None or plug.node.type != "TEX_IMAGE" or plug.node.image is None or plug.socket.name == "Alpha":
+            return seen
         return pixels_of(plug.node.image, self._notes, self._name).reshape(-1, 3).mean(0)
 
     def _transparency(self, plug, weight):
         self._transparent += weight
+        self._clear.append((self._share, plug.input("Color"), 1))
+        try:
+            if np.ptp(np.asarray(Values(self._leaf).colour(plug.input("Color"))), axis=-1).max() > LEAST:
+                self._say("lets coloured light through, which is grey here")
+        except (UnknownNode, NoPicture):
+            pass  # what it is made of is said where it is computed
 
     def _hold(self, plug, weight):
         self._holdout += weight
@@ -183,9 +252,11 @@ class _Shader:
     def _principled(self, plug, weight):
         metallic = min(max(self.number(plug.input("Metallic")), 0), 1)
         glass = min(max(self.number(plug.input("Transmission", "Transmission Weight")), 0), 1) * (1 - metallic)
-        alpha = self.number(plug.input("Alpha"))
+        alpha = self.number(plug.input("Alpha"), self._unsure.append)
         if alpha < 1 - LEAST:
             self._transparent += weight * (1 - alpha)
+            self._clear.append((self._share.times(plug.input("Alpha"), Share.REST), [1.0] * 3, 1))
+            self._share = self._share.times(plug.input("Alpha"))
             weight *= alpha
         colour, roughness = plug.input("Base Color"), self.number(plug.input("Roughness"))
         self._bsdfs.append(Bsdf("conductor", weight * metallic, colour, roughness))
@@ -199,8 +270,7 @@ class _Shader:
             self._say(f"has a distribution {distribution}; single scattering of GGX is taken")
         if glass > LEAST and any(p.socket.name == "Transmission Roughness" and self.number(p) > LEAST for p in plug.inputs()):
             self._say("has a roughness of transmission of its own, which is left out")
-        strength = self.number(plug.input("Emission Strength"))
-        self._emit(plug.input("Emission", "Emission Color"), strength * weight)
+        self._emit(plug.input("Emission", "Emission Color"), plug.input("Emission Strength"), weight)
 
 
     def _coated(self, plug, weight, colour, roughness):
@@ -212,7 +282,7 @@ class _Shader:
             ior = max(self.number(plug.input("IOR")), 1)
             head_on = 2 * level * ((ior - 1) / (ior + 1)) ** 2
         root = min(head_on, 0.36) ** 0.5
-        coated = Bsdf("coated", weight, colour, roughness, (1 + root) / (1 - root))
+        coated = Bsdf("coated", weight, colour, roughness, (1 + root) / (1 - root), share=self._share)
         if root < LEAST:
             coated.material = "diffuse"
         if bpy.app.version < DIMMED_SINCE:
@@ -268,6 +338,7 @@ _SHADERS = {
     "BSDF_GLASS": _Shader._glass,
     "BSDF_REFRACTION": _Shader._glass,
     "BSDF_PRINCIPLED": _Shader._principled,
+    "BSDF_TRANSLUCENT": _Shader._translucent,
     "BSDF_TRANSPARENT": _Shader._transparency,
     "EMISSION": _Shader._emission,
     "HOLDOUT": _Shader._hold,

@@ -104,6 +104,18 @@ def signature(tree):
     return "\n".join(lines)
 
 
+def as_the_camera_sees(plug, say):
+    """What nodes tell that tell rays and sides of a surface apart: of camera rays, and of the front; None: it is no such node.
+    @param say  function of a text: what became of a material"""
+    if plug.node.type == "LIGHT_PATH":
+        say("is the same for rays of every kind: as camera rays see it")
+        return 1.0 if plug.socket.name == "Is Camera Ray" else 0.0
+    if plug.node.type == "NEW_GEOMETRY" and plug.socket.name == "Backfacing":
+        say("is the same on both sides: as its front")
+        return 0.0
+    return None
+
+
 def tree_of(block):
     """The node tree that shades a material, world or light; None: none does. Since Blender 5 all of them use nodes."""
     return block.node_tree if block.use_nodes else None

@@ -38,6 +38,18 @@ def pixels_of(image, notes, name):
     return linear_from_srgb(rgb).astype(np.float32)
 
 
+def alpha_of(image):
+    """Of (height, width), the top row first. @throws NoPicture"""
+    width, height = image.size
+    if width == 0 or height == 0 or image.channels == 0:
+        raise NoPicture(f"the image {image.name} has no pixels")
+    if image.channels != 4 or image.alpha_mode == "NONE":
+        return np.ones((height, width), np.float32)
+    raw = np.empty(width * height * 4, np.float32)
+    image.pixels.foreach_get(raw)
+    return np.ascontiguousarray(raw.reshape(height, width, 4)[::-1, :, 3])
+
+
 def file_of(image):
     """Path of an image's own file; None: it is packed, generated or changed, or there is none."""
     if image.source != "FILE" or image.packed_file is not None or image.is_dirty or not image.filepath:

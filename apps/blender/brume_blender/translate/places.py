@@ -13,6 +13,7 @@ class Place:
         self._thing, self._world, self._depsgraph, self._box = thing, np.array(world), depsgraph, box
         self._random = (random_id & 0xFFFFFFFF) / 0xFFFFFFFF  # Python has it signed
         self.paths = False  # whether Light Path was asked for
+        self.told = False  # whether anything was asked for that differs between objects, or instances, that are alike
 
     def leaf(self, plug, points):
         """What an output is at points of the object's space, (N, 3); None: it is none of a place's. @throws UnknownNode"""
@@ -20,8 +21,10 @@ class Place:
         if node.type == "TEX_COORD":
             return self._coordinates(node, name, points)
         if node.type == "NEW_GEOMETRY" and name == "Position":
+            self.told = True
             return _moved(self._world, points)
         if node.type == "OBJECT_INFO":
+            self.told = True
             return self._info(name)
         if node.type == "LIGHT_PATH":
             self.paths = True
@@ -43,6 +46,7 @@ class Place:
             raise UnknownNode(f"Texture Coordinate ({name})")
         if node.object is None:
             return points
+        self.told = True
         other = node.object.evaluated_get(self._depsgraph) if self._depsgraph is not None else node.object
         return _moved(np.linalg.inv(np.array(other.matrix_world)) @ self._world, points)
 

@@ -3,7 +3,8 @@
 import numpy as np
 
 from .node_values import UnknownNode, Values
-from .pictures import looked_up, pixels_of
+from .nodes import as_the_camera_sees
+from .pictures import alpha_of, looked_up, pixels_of
 
 
 class SurfacePoints:
@@ -29,8 +30,9 @@ class SurfacePoints:
             return self._image(plug)
         if node.type == "VERTEX_COLOR" or (node.type == "ATTRIBUTE" and node.attribute_type == "GEOMETRY"):
             return self._attribute(node.layer_name if node.type == "VERTEX_COLOR" else node.attribute_name, plug)
-        if node.type == "LIGHT_PATH":
-            raise UnknownNode("Light Path")
+        seen = as_the_camera_sees(plug, lambda text: self._notes.say(self._name, "the material " + text))
+        if seen is not None:
+            return seen
         return self._place.leaf(plug, self._points)
 
     def generated(self):
@@ -53,11 +55,13 @@ class SurfacePoints:
 
     def _image(self, plug):
         node = plug.node
-        if node.image is None or plug.socket.name == "Alpha" or node.projection != "FLAT":
-            raise UnknownNode("Image Texture without an image, its alpha, or a projection of it")
+        if node.image is None or node.projection != "FLAT":
+            raise UnknownNode("Image Texture without an image, or a projection of it")
         vector = plug.input("Vector")
         uv = np.asarray(Values(self).colour(vector)) if vector.resolve().socket.is_output else self._uv("")
         uv = np.broadcast_to(uv, (len(self._points), 3))
+        if plug.socket.name == "Alpha":
+            return looked_up(alpha_of(node.image)[..., None], uv[:, 0], uv[:, 1] % 1.0, repeat_v=True)[:, 0]
         return looked_up(pixels_of(node.image, self._notes, self._name), uv[:, 0], uv[:, 1] % 1.0, repeat_v=True)
 
     def _attribute(self, name, plug):

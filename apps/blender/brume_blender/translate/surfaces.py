@@ -12,13 +12,17 @@ from .toml_text import Table
 from .volumes import volume_shader_of
 
 
+NAMES = {"albedo": "base colour", "alpha": "alpha", "radiance": "light"}
+
+
 class Surfaces:
     """Writes each mesh once, however many instances it has."""
 
-    def __init__(self, folder, notes, view_layer, bake, named=False):
+    def __init__(self, folder, notes, view_layer, bake, instances, named=False):
         """@param named  tables have the names of objects and materials, for mattes"""
         self._named = named
         self._bake = bake  # baking.bake, of a shader and its source
+        self._instances = instances  # instances.Instances, for fog
         self._folder, self._notes, self._view_layer = folder, notes, view_layer
         self._textures = Textures(folder, notes)
         self._surfaces = {}
@@ -50,7 +54,7 @@ class Surfaces:
         fog = volume_shader_of(materials)
         if fog is not None:
             try:
-                tables += fog_tables(thing, fog, geometry, place, self._bake, matrices, self._notes)
+                tables += self._fog(thing, fog, (key, materials), geometry, place, matrices)
             except LeftOut as reason:
                 self._notes.say(thing.name, f"its fog is left out: {reason}")
         slots = np.minimum(geometry.materials, max(len(materials) - 1, 0))
@@ -59,6 +63,17 @@ class Surfaces:
             tables += self._surface(thing, key, geometry, (int(slot), len(materials), slots == slot), material, place, matrices)
         return tables
 
+    def _fog(self, thing, shader, mesh, geometry, place, matrices):
+        """@throws LeftOut"""
+
+        def made():
+            return fog_tables(thing, shader, geometry, place, self._bake, matrices, self._notes), not place.told
+
+        if matrices[1] is not None:
+            return made()[0]
+        key, materials = mesh
+        return self._instances.tables((key, *(m and m.name_full for m in materials)), matrices[0], 1.0, made)
+
     def _surface(self, thing, key, geometry, part, material, place, matrices):
         """@param part  the material's slot, of how many, and which triangles are of it"""
         surface = self._surface_of(material)
@@ -66,8 +81,9 @@ class Surfaces:
             if material is not None and volume_shader_of([material]) is None:
                 self._notes.say(thing.name, "is transparent, which is left out as if it were not there")
             return []
-        colour, texture = self._colour_of(thing, (key, part[0]), surface, material, geometry, part[2], place)
-        path = self._mesh(thing, key, geometry, part, texture)
+        where = Surface(geometry, part[2], (key, part[0]), place, self._notes, material.name if material is not None else "")
+        looks = self._looks_of(thing, where, surface, material, geometry)
+        path = self._mesh(thing, key, geometry, part, next((look.texture for look in looks.values() if look.texture), None))
         table = Table("[[surfaces]]").set(file=self._folder.named(path), object_to_world=matrices[0])
         if matrices[1] is not None:
             if surface.radiance.any():
@@ -75,9 +91,16 @@ class Surfaces:
             else:
                 table.set(object_to_world_end=matrices[1])
         if surface.bsdf is not None:
-            _set_material(table, surface, colour, texture and self._folder.named(texture.path))
+            _set_material(table, surface, looks["albedo"].colour)
+            if surface.bsdf.through is not None:
+                self._set_translucence(table, surface, looks["albedo"].colour, material.name, where)
+            if looks["alpha"].colour[0] < 1 - 1e-6:
+                table.set(alpha=float(looks["alpha"].colour[0]))
             if surface.radiance.any():
-                table.set(radiance=surface.radiance, two_sided=not geometry.closed)
+                table.set(radiance=looks["radiance"].colour, two_sided=not geometry.closed)
+            for key, look in looks.items():
+                if look.texture is not None:
+                    table.set(**{key + "_texture": self._folder.named(look.texture.path)})
         self._set_role(table, thing, surface)
         if self._named:
             table.set(name=thing.name)
@@ -91,16 +114,39 @@ class Surfaces:
             self._surfaces[key] = surface_of(material, self._notes)
         return self._surfaces[key]
 
-    def _colour_of(self, thing, key, surface, material, geometry, chosen, place):
-        """(colour, Texture or None)"""
-        if surface.bsdf is None or isinstance(surface.bsdf.colour, list):
-            return surface.bsdf and surface.bsdf.colour, None
-        where = Surface(geometry, chosen, key, place, self._notes, material.name)
-        colour, texture = self._textures.of(surface.bsdf.colour, surface.bsdf.gain, material.name, where)
-        if texture is not None and texture.atlas is None and geometry.uv(texture.uv_map) is None:
-            self._notes.say(thing.name, "has no UV map for the image on its base colour; it is left out")
-            texture = None
-        return colour, texture
+    def _looks_of(self, thing, where, surface, material, geometry):
+        """A Look by albedo, alpha and radiance; none where there is nothing to see."""
+        if surface.bsdf is None:
+            return {}
+        name = material.name if material is not None else ""
+        looks = {
+            "albedo": Look(surface.bsdf.colour, surface.bsdf.gain),
+            "alpha": Look(surface.alpha or [1.0]),
+            "radiance": Look(surface.glow or surface.radiance),
+        }
+        if surface.glow is not None:
+            peak = np.maximum(self._textures.peak(surface.glow, name, where), 1e-9)
+            looks["radiance"] = Look(surface.glow, 1 / peak, peak)
+        for look in looks.values():
+            look.find(self._textures.of, name, where)
+        if len({look.texture.placement() for look in looks.values() if look.texture is not None}) > 1:
+            for look in looks.values():  # a mesh has one map
+                if look.texture is not None:
+                    look.find(self._textures.baked, name, where)
+        for key, look in looks.items():
+            if look.texture is not None and look.texture.atlas is None and geometry.uv(look.texture.uv_map) is None:
+                self._notes.say(thing.name, f"has no UV map for the image on its {NAMES[key]}; it is left out")
+                look.texture = None
+        return looks
+
+    def _set_translucence(self, table, surface, colour, name, where):
+        """Shares the colour out between the two sides."""
+        passed, all_of_it = (self._textures.probed(what, name, where) for what in (surface.bsdf.through, surface.bsdf.colour))
+        share = np.clip(passed.mean(0) / np.maximum(all_of_it.mean(0), 1e-9), 0, 1)
+        if np.abs(passed - share * all_of_it).max() > 0.02 * max(all_of_it.max(), 1e-9):
+            self._notes.say(name, "the material lets light of another pattern through than it reflects; the mean of both is taken")
+        colour = (1 - 1e-8) * colour  # both as text are no more than 1 together
+        table.set(albedo=(1 - share) * colour, translucence=share * colour)
 
     def _mesh(self, thing, key, geometry, part, texture):
         slot, slots, chosen = part
@@ -133,11 +179,24 @@ class Surfaces:
             self._notes.say(thing.name, f"is seen by rays of every kind but the camera's in brume, {' and '.join(unseen)} too")
 
 
-def _set_material(table, surface, colour, picture):
+class Look:
+    """A number or colour of a surface. @param what  three numbers, one, or a plug, Blend or Rest
+    @param gain  on it   @param scale  on what it is then"""
+
+    def __init__(self, what, gain=1.0, scale=1.0):
+        self._what, self._gain, self._scale = what, gain, scale
+        self.colour, self.texture = what, None  # a picture multiplies the colour
+
+    def find(self, of, name, where):
+        """@param of  Textures.of or baked   @param where  surface_points.Surface"""
+        if not isinstance(self._what, (list, np.ndarray)):
+            colour, self.texture = of(self._what, self._gain, name, where)
+            self.colour = self._scale * colour
+
+
+def _set_material(table, surface, colour):
     bsdf = surface.bsdf
     table.set(material=bsdf.material, albedo=colour)
-    if picture is not None:
-        table.set(albedo_texture=picture)
     if bsdf.material != "diffuse":
         table.set(roughness=min(max(bsdf.roughness, 0), 1))
     if bsdf.material in ("dielectric", "coated"):

@@ -5,10 +5,10 @@ from dataclasses import dataclass
 import numpy as np
 
 from .node_values import UnknownNode, Values
-from .nodes import signature
-from .pictures import NoPicture, file_of, is_linear, pixels_of, write_exr
+from .nodes import as_the_camera_sees, signature
+from .pictures import NoPicture, alpha_of, file_of, is_linear, pixels_of, write_exr
 
-PROBES = 256  # points by which colours are told apart
+PROBES = 2048  # points by which colours are told apart
 TEXELS = 1 << 18  # of a picture of triangles, unless these are more
 STAND_IN = 0.5  # for nodes without a counterpart
 
@@ -71,21 +71,44 @@ class Textures:
         self._written = folder.written
 
     def of(self, plug, gain, name, surface):
-        """(colour, Texture or None) of a colour's plug.
+        """(colour, Texture or None) of a colour.
+        @param plug  of it, or a Blend or Rest of shares.py
         @param gain  on it   @param surface  surface_points.Surface, for what is no picture"""
+        wanted = _Wanted(plug)
         try:
-            colour = np.asarray(Values().colour(plug))
+            colour = np.asarray(wanted.of(Values(self._rays(name))))
             if colour.ndim == 1:
                 return np.clip(gain * colour, 0, 1), None
         except UnknownNode:
             pass
         try:
-            return np.ones(3), self._texture(plug, gain, name)
+            return np.ones(3), self._texture(wanted, gain, name)
         except (UnknownNode, NoPicture):
-            return self._baked(plug, gain, name, surface)
+            return self._baked(wanted, gain, name, surface)
 
-    def _baked(self, plug, gain, name, surface):
-        """Texels of each triangle for itself."""
+    def baked(self, plug, gain, name, surface):
+        """As of(), in texels of each triangle for itself, so that several lie alike."""
+        return self._baked(_Wanted(plug), gain, name, surface)
+
+    def probed(self, plug, name, surface):
+        """Its colours at points chosen by chance, (N, 3)."""
+        stand_in = lambda p, _: STAND_IN if p.socket.type == "VALUE" else np.full(3, STAND_IN)  # noqa: E731
+        triangles, weights = surface.spread(PROBES)
+        return np.broadcast_to(_Wanted(plug).of(Values(surface.at(triangles, weights), stand_in)), (len(triangles), 3))
+
+    def peak(self, plug, name, surface):
+        """(3,): what no channel of it exceeds, as far as is known: of images exactly, of others by points chosen by chance."""
+        try:
+            values = _Wanted(plug).of(Values(self._texels([], name)))
+            return np.atleast_2d(values).max(0)
+        except (UnknownNode, NoPicture):
+            return 1.25 * self.probed(plug, name, surface).max(0)
+
+    def _rays(self, name):
+        """Leaves that are known without a point."""
+        return lambda plug: as_the_camera_sees(plug, lambda text: self._notes.say(name, "the material " + text))
+
+    def _baked(self, wanted, gain, name, surface):
         stand_ins = []
 
         def stand_in(p, lacking):
@@ -93,16 +116,16 @@ class Textures:
             return STAND_IN if p.socket.type == "VALUE" else np.full(3, STAND_IN)
 
         def colours(triangles, weights):
-            values = Values(surface.at(triangles, weights), stand_in).colour(plug)
+            values = wanted.of(Values(surface.at(triangles, weights), stand_in))
             return np.clip(gain * np.broadcast_to(values, (len(triangles), 3)), 0, 1).astype(np.float32)
 
         probed = colours(*surface.spread(PROBES))
         if stand_ins:
-            what = f"the material's '{plug.socket.name}' depends on {stand_ins[0]}, which brume lacks"
+            what = f"the material's {wanted.name} depends on {stand_ins[0]}, which brume lacks"
             self._notes.say(name, f"{what}; {STAND_IN} is taken for it")
         if np.ptp(probed, axis=0).max() < 1e-6:
             return probed[0].astype(float), None
-        key = (*surface.key, plug.key(), probed.tobytes())
+        key = (*surface.key, wanted.key(), probed.tobytes(), tuple(np.broadcast_to(gain, 3)))
         if key not in self._written:
             atlas = Atlas(surface.count, TEXELS)
             path = self._folder.new(".exr", "texture", name)
@@ -110,39 +133,43 @@ class Textures:
             self._written[key] = Texture(path, atlas=atlas)
         return np.ones(3), self._written[key]
 
-    def _texture(self, plug, gain, name):
+    def _texture(self, wanted, gain, name):
         """@throws UnknownNode, NoPicture"""
         found = []
-
-        def leaves(p):
-            if p.node.type != "TEX_IMAGE":
-                return None
-            if p.node.image is None:
-                raise NoPicture("an Image Texture without an image")
-            if p.socket.name == "Alpha":
-                raise UnknownNode("the alpha of an image")
-            if found and p.node.image != found[0].node.image:
-                raise UnknownNode("several images")
-            found.append(p)
-            return pixels_of(p.node.image, self._notes, name).reshape(-1, 3)
-
-        here = plug.resolve()
-        key = (here.key(), gain, *(signature(node.id_data) for node in (here.node, *here.groups)))
+        key = (wanted.key(), tuple(np.broadcast_to(gain, 3)), *wanted.signatures())
         if key in self._written:
             return self._written[key]
-        colours = Values(leaves).colour(plug)
+        colours = wanted.of(Values(self._texels(found, name)))
         image_plug = found[0]
         node, image = image_plug.node, image_plug.node.image
         self._say_settings(node, name)
         uv_map, matrix, offset = self._coordinates(image_plug)
         path = file_of(image)
-        direct = gain == 1 and here.key() == image_plug.key() and path is not None and _read_alike(image, path)
+        direct = np.all(gain == 1) and wanted.is_just(image_plug) and path is not None and _read_alike(image, path)
         if not direct:
             path = self._folder.new(".exr", "texture", image.name)
             width, height = image.size
             write_exr(path, np.clip(gain * colours, 0, 1).reshape(height, width, 3))
         self._written[key] = Texture(path, uv_map, matrix, offset)
         return self._written[key]
+
+    def _texels(self, found, name):
+        """Leaves at all texels of one image. @param found  plugs of it, which are added"""
+        other = self._rays(name)
+
+        def leaves(p):
+            if p.node.type != "TEX_IMAGE":
+                return other(p)
+            if p.node.image is None:
+                raise NoPicture("an Image Texture without an image")
+            if found and (p.node.image != found[0].node.image or not _lie_alike(p, found[0])):
+                raise UnknownNode("several images")
+            found.append(p)
+            if p.socket.name == "Alpha":
+                return alpha_of(p.node.image).ravel()
+            return pixels_of(p.node.image, self._notes, name).reshape(-1, 3)
+
+        return leaves
 
     def _say_settings(self, node, name):
         if node.projection != "FLAT":
@@ -179,6 +206,35 @@ class Textures:
         if np.abs(points[3, :2] @ matrix.T + offset - at[3, :2]).max() > 1e-6:
             raise UnknownNode("bent texture coordinates")
         return maps.pop(), matrix, offset
+
+
+class _Wanted:
+    """A colour that nodes compute. @param what  its plug, or a Blend or Rest"""
+
+    def __init__(self, what):
+        self._what, self._blended = what, hasattr(what, "plugs")
+        self._plugs = what.plugs() if self._blended else [what]
+        self.name = "mixture" if self._blended else f"'{what.socket.name}'"
+
+    def of(self, values):
+        return self._what.of(values) if self._blended else values.colour(self._what)
+
+    def key(self):
+        plugs = self._plugs if self._blended else [self._what.resolve()]
+        return (type(self._what).__name__, *(plug.key() for plug in plugs))
+
+    def signatures(self):
+        heres = [plug.resolve() for plug in self._plugs]
+        return [signature(node.id_data) for here in heres for node in (here.node, *here.groups)]
+
+    def is_just(self, plug):
+        """Whether it is what an output of an image is."""
+        return not self._blended and self._what.resolve().key() == plug.key() and plug.socket.name != "Alpha"
+
+
+def _lie_alike(a, b):
+    """Whether two Image Textures are looked up at the same place."""
+    return a.node == b.node or a.input("Vector").resolve().key() == b.input("Vector").resolve().key()
 
 
 def _read_alike(image, path):

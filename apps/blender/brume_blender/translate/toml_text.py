@@ -24,13 +24,32 @@ class Table:
     def __init__(self, header):
         """@param header  '[camera]', or '[[volumes]]' for one of several"""
         self.header = header
-        self._lines = {}
+        self._lines, self._values = {}, {}
 
     def set(self, **keys):
         """Numbers, text, truth values, and sequences of these."""
         for key, value in keys.items():
-            self._lines[key] = f"{key} = {toml_text(value)}"
+            self._lines[key], self._values[key] = f"{key} = {toml_text(value)}", value
         return self
+
+    def value(self, key):
+        """As it was set; None: it was not."""
+        return self._values.get(key)
+
+    def holds_any(self, keys):
+        return any(key in self._lines for key in keys)
+
+    def remove(self, keys):
+        for key in keys:
+            self._lines.pop(key, None)
+            self._values.pop(key, None)
+
+    def without(self, keys):
+        """Another table with what is left."""
+        return Table(self.header).set(**{key: value for key, value in self._values.items() if key not in keys})
+
+    def text_without(self, keys):
+        return "\n".join(line for key, line in self._lines.items() if key not in keys)
 
     def holds(self, **keys):
         return all(self._lines.get(key) == f"{key} = {toml_text(value)}" for key, value in keys.items())

@@ -112,7 +112,7 @@ def _frame_of_sequence(volume, frame):
     return frame + volume.frame_offset
 
 
-def _factor(volume, matrix):
+def factor_of(volume, matrix):
     """By which Cycles thins a volume that is scaled, so that it stays as dense to look through."""
     if volume.render.space != "OBJECT":
         return 1.0
@@ -132,8 +132,9 @@ def _saved(thing, folder):
     return folder.written[key]
 
 
-def file_of(thing, matrix, shutter, scene, frame, folder, shown):
-    """The GridFile of a Volume object that lies so in the world; one that cannot be read has no grids: None.
+def file_of(thing, factor, shutter, scene, frame, folder, shown):
+    """The GridFile of a Volume object; one that cannot be read has no grids: None.
+    @param factor  on all that its shader computes
     @param shown  switch of the modifiers that are evaluated   @throws LeftOut, CannotTranslate"""
     volume = thing.data
     if not volume.filepath or any(getattr(modifier, shown) for modifier in thing.modifiers):
@@ -159,7 +160,7 @@ def file_of(thing, matrix, shutter, scene, frame, folder, shown):
         velocity = (moving, volume.velocity_scale / frames)
     offset = 0.5 if bpy.app.version < HALF_VOXEL_BEFORE else 0.0
     corners = [corner for name in names for corner in boxes.get(name, [])]
-    return GridFile(path, names, colours, offset, velocity, corners, _factor(volume, matrix), getattr(volume.render, "clipping", 0.0))
+    return GridFile(path, names, colours, offset, velocity, corners, factor, getattr(volume.render, "clipping", 0.0))
 
 
 def volume_tables(thing, materials, file, place, bake, matrices, notes):
