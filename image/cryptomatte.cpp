@@ -30,7 +30,8 @@ std::map<std::string, float> parse_manifest(const std::string& text) {
   const json all = json::parse(text);
   for (const auto& [name, hex] : all.items()) {
     const float id = matte_of_hex(hex.get<std::string>());
-    if (id == 0) throw InputError(fmt::format("'{}' has the number {}; expected eight hexadecimal digits", name, hex.dump()));
+    if (id == 0)
+      throw InputError(fmt::format("'{}' has the number {}; expected eight hexadecimal digits", name, hex.dump()));
     manifest[name] = id;
   }
   return manifest;
@@ -56,8 +57,8 @@ int place_of(const std::string& channel, const std::string& layer) {
   const auto [end, error] = std::from_chars(rest.data(), rest.data() + dot, number);
   if (error != std::errc() || end != rest.data() + dot || number < 0 || number > 999) return -1;
   const std::string letter = lower(std::string(rest.substr(dot + 1)));
-  for (const auto& [name, place] : {std::pair("r", 0), {"g", 1}, {"b", 2}, {"a", 3}, {"red", 0}, {"green", 1},
-                                    {"blue", 2}, {"alpha", 3}})
+  for (const auto& [name, place] :
+       {std::pair("r", 0), {"g", 1}, {"b", 2}, {"a", 3}, {"red", 0}, {"green", 1}, {"blue", 2}, {"alpha", 3}})
     if (letter == name) return 4 * number + place;
   return -1;
 }
@@ -84,7 +85,8 @@ std::vector<std::string> names_of(const MatteLayer& layer) {
 bool has_all(const MatteLayer& layer, const std::vector<std::string>& names) {
   const std::vector<std::string> own = names_of(layer);
   return std::all_of(names.begin(), names.end(), [&](const std::string& name) {
-    return std::any_of(own.begin(), own.end(), [&](const std::string& one) { return one == name || matches(name, one); });
+    return std::any_of(own.begin(), own.end(),
+                       [&](const std::string& one) { return one == name || matches(name, one); });
   });
 }
 
@@ -193,7 +195,8 @@ void add_matte_layer(const std::string& name, int levels, const std::vector<std:
   for (size_t pixel = 0; pixel < shares.size(); ++pixel) {
     std::vector<MatteShare> ranks = shares[pixel];
     std::sort(ranks.begin(), ranks.end(), [](const MatteShare& a, const MatteShare& b) {
-      return std::pair(-a.coverage, std::bit_cast<uint32_t>(a.id)) < std::pair(-b.coverage, std::bit_cast<uint32_t>(b.id));
+      return std::pair(-a.coverage, std::bit_cast<uint32_t>(a.id)) <
+             std::pair(-b.coverage, std::bit_cast<uint32_t>(b.id));
     });
     ranks.resize(std::min(ranks.size(), static_cast<size_t>(levels)));
     const auto x = static_cast<int>(pixel % width), y = static_cast<int>(pixel / width);
@@ -233,7 +236,8 @@ std::vector<float> matte_ids(const MatteLayer& layer, const std::vector<std::str
         if (matches(name, one)) ids.push_back(id);
     if (ids.size() > before) continue;
     const std::vector<std::string> known = names_of(layer);
-    throw InputError(fmt::format("{} has no '{}'{}; it has {}", layer.name, name, suggestion(name, known), join(known)));
+    throw InputError(
+        fmt::format("{} has no '{}'{}; it has {}", layer.name, name, suggestion(name, known), join(known)));
   }
   return ids;
 }
@@ -247,7 +251,8 @@ Plane matte_of(const Layers& frame, const std::vector<MatteLayer>& layers, const
     if (wanted.empty() || wanted == layer.name || wanted == last_part(layer.name)) asked.push_back(&layer);
   }
   if (layers.empty())
-    throw InputError("has no Cryptomatte; expected attributes cryptomatte/KEY/name, as --layers cryptomatte writes them");
+    throw InputError(
+        "has no Cryptomatte; expected attributes cryptomatte/KEY/name, as --layers cryptomatte writes them");
   if (asked.empty())
     throw InputError(fmt::format("has no Cryptomatte {}{}; it has {}", wanted, suggestion(wanted, all), join(all)));
   for (const MatteLayer* layer : asked)

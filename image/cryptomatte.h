@@ -31,7 +31,7 @@ struct MatteShare {
 /// A Cryptomatte layer of a frame: "CryptoObject", or "ViewLayer.CryptoObject".
 struct MatteLayer {
   std::string name;
-  std::string key;                            ///< of its attributes, "cryptomatte/KEY/name"
+  std::string key;                             ///< of its attributes, "cryptomatte/KEY/name"
   std::map<std::string, float> manifest = {};  ///< numbers by name; empty where the file has none
   std::string manifest_file = {};              ///< beside the picture, where the manifest is not in its header
   std::string problem = {};                    ///< why it cannot be read; empty: it can

@@ -28,14 +28,13 @@ void enclose(VoxelBox& box, const VoxelBox& other) {
   box.hi = first ? other.hi : glm::max(box.hi, other.hi);
 }
 
-/// Looks up a vector between voxels, by index coordinates: look-ups that follow one another lie in one cell.
+/// Looks up a displacement between voxels, by index coordinates: look-ups that follow one another lie in one cell.
 class VectorReader {
  public:
-  explicit VectorReader(const VectorBricks& field) : field_(&field) {}
+  explicit VectorReader(const Displacement& of) : field_(&of.field), origin_(of.envelope.origin()) {}
 
   dvec3 operator()(const dvec3& at) {
-    const BrickGrid& grid = field_->parts[0];
-    const dvec3 local = at - dvec3(grid.origin());
+    const dvec3 local = at - origin_;
     constexpr double kFar = 1 << 28;
     if (!(max_component(glm::abs(local)) < kFar)) return dvec3(0);
     const ivec3 voxel(glm::floor(local)), cell = voxel >> 3;
@@ -70,6 +69,7 @@ class VectorReader {
     }
   }
   const VectorBricks* field_;
+  dvec3 origin_;  // of all its parts
   ivec3 cell_{std::numeric_limits<int>::min()};
   std::array<const float*, 3> bricks_{};
 };
@@ -313,7 +313,7 @@ class BetweenFrames::Inside {
         : inside(of),
           cubic{CubicReader(of.sides_[0].field->bricks), CubicReader(of.sides_[1].field->bricks)},
           voxels{VoxelReader(of.sides_[0].field->bricks), VoxelReader(of.sides_[1].field->bricks)},
-          motion{VectorReader(of.sides_[0].motion.field), VectorReader(of.sides_[1].motion.field)} {}
+          motion{VectorReader(of.sides_[0].motion), VectorReader(of.sides_[1].motion)} {}
 
     /// The velocity of one of the frames at a point of the common lattice, in its voxels per frame.
     dvec3 own_velocity(size_t k, const dvec3& p) {

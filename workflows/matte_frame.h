@@ -22,6 +22,7 @@ Picture mask_of(const Layers& matte);
 
 /// The matte of some things in a frame of whichever program, with R, G, B and A all alike.
 /// @param layer  that has them; empty: any   @throws InputError
-Layers matte_of_file(const std::filesystem::path& frame, const std::vector<std::string>& names, const std::string& layer);
+Layers matte_of_file(const std::filesystem::path& frame, const std::vector<std::string>& names,
+                     const std::string& layer);
 
 }  // namespace brume

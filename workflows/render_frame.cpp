@@ -163,7 +163,8 @@ struct Setup {
 
   void set_mattes() {
     if (options.part)
-      throw InputError("mattes are the whole picture's, and so is its alpha then; expected --layers cryptomatte without --part");
+      throw InputError(
+          "mattes are the whole picture's, and so is its alpha then; expected --layers cryptomatte without --part");
     job.mattes = true;
   }
 

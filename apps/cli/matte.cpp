@@ -32,10 +32,12 @@ int run(const Options& o, const Common& common) {
 void add_matte(CLI::App& app, Common& common, Commands& commands) {
   const auto options = std::make_shared<Options>();
   Options& o = *options;
-  const Verb command = add_command(app, common, "matte", "the matte of some things in a frame with Cryptomatte, by any program");
+  const Verb command =
+      add_command(app, common, "matte", "the matte of some things in a frame with Cryptomatte, by any program");
   command("frame", o.frame, "EXR with Cryptomatte: render --layers cryptomatte makes one")->required();
   command("names", o.names, "of the things, as brume info lists them; * stands for anything")->required();
-  command("-o,--output", o.output, "EXR (R, G, B and A all the matte) or PNG (as it is, 255 is all of a pixel) to write")
+  command("-o,--output", o.output,
+          "EXR (R, G, B and A all the matte) or PNG (as it is, 255 is all of a pixel) to write")
       ->required();
   command("--layer", o.layer, "CryptoObject, CryptoMaterial or another, where several have a thing of that name");
   commands[command] = [options, &common] { return run(*options, common); };

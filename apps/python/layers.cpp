@@ -196,11 +196,12 @@ void bind_layers(py::module_& module) {
       },
       py::arg("group"),
       "The light of a light group as an array of height x width x 3, a copy; clean where the frame is.");
-  type.def("matte", &matte_in, py::arg("layer") = "",
-           "The share of each pixel that things cover, together, as an array of height x width, from the frame's\n"
-           "Cryptomatte: names as mattes() lists them, * stands for anything.\n\n"
-           "layer: \"CryptoObject\" or \"CryptoMaterial\", where both have a thing of that name. Raises InputError for a\n"
-           "frame without Cryptomatte, or without such a thing.");
+  type.def(
+      "matte", &matte_in, py::arg("layer") = "",
+      "The share of each pixel that things cover, together, as an array of height x width, from the frame's\n"
+      "Cryptomatte: names as mattes() lists them, * stands for anything.\n\n"
+      "layer: \"CryptoObject\" or \"CryptoMaterial\", where both have a thing of that name. Raises InputError for a\n"
+      "frame without Cryptomatte, or without such a thing.");
   type.def("mattes", &mattes_of, "Names of the things in each Cryptomatte layer of the frame, by the layer's name.");
   type.def(
       "layers", [](const Layers& self) { return layer_names(self); }, "Names of the layers, without statistics.");

@@ -56,12 +56,12 @@ class GuideMedia {
 
   /// What scatters at a point.
   struct Point {
-    double sigma_t = 0;  ///< [1 / world unit]
-    double albedo = 0;   ///< single-scattering albedo
-    double g = 0;        ///< mean cosine
-    double density = 0;  ///< as a share of the medium's maximum, the largest of them
-    dvec3 tint{1};       ///< of the light scattered here; only in grey
-    double seen = 1;     ///< share of sigma_t that is of no holdout
+    double sigma_t = 0;      ///< [1 / world unit]
+    double albedo = 0;       ///< single-scattering albedo
+    double g = 0;            ///< mean cosine
+    double density = 0;      ///< as a share of the medium's maximum, the largest of them
+    dvec3 tint{1};           ///< of the light scattered here; only in grey
+    double seen = 1;         ///< share of sigma_t that is of no holdout
     double seen_albedo = 0;  ///< albedo of that share; only where there are holdouts
   };
   Point at(const dvec3& world, GuideColour colour) const;

@@ -57,8 +57,9 @@ V Density(const LaneMedia::Part& part, const LocalLines& lines, int k, V lane) {
   if (const auto& shape = part.medium->homogeneous()) {
     const V inside = density_of_shape(*shape, lines.at(lane, k));
     if (!shape->falloff) return inside;
-    const V height = set(static_cast<float>(shape->falloff->height(lines.start + static_cast<double>(k) * lines.step))) +
-                     set(static_cast<float>(glm::dot(shape->falloff->slope, lines.across))) * lane;
+    const V height =
+        set(static_cast<float>(shape->falloff->height(lines.start + static_cast<double>(k) * lines.step))) +
+        set(static_cast<float>(glm::dot(shape->falloff->slope, lines.across))) * lane;
     return inside * exponential(-hn::Max(height, hn::Zero(D())));
   }
   HWY_ALIGN Lanes number, density;

@@ -17,7 +17,7 @@ constexpr double kGentleGradient = 0.03;
 // Steps at once where all media are homogeneous, as far as they are as thin as this: so many in shadows that a sun
 // casts through grids, elsewhere as far as the light at nodes is linear; and of the distance to a lamp.
 constexpr double kEvenStride = 4, kEvenThickness = 0.1, kEvenNodes = 0.5, kEvenDistance = 1.0 / 16;
-constexpr double kLayerStep = 0.25;  // of the scale height of a layer, that a step climbs at most
+constexpr double kLayerStep = 0.25;    // of the scale height of a layer, that a step climbs at most
 constexpr double kNodesPerLookUp = 1;  // of the spacing of nodes, between two look-ups of their fields
 constexpr double kNarrow = 0.99;       // mean cosine of directions that count as one
 // Rays count their steps from a multiple of so many, so that theirs and those of longer strides lie alike in all rays.

@@ -16,9 +16,10 @@
 namespace brume {
 namespace {
 
-constexpr int kTimes = 9;                      // of the shutter, where anything moves
-constexpr double kStep = 0.7, kSteps = 1.05;   // of one ray, and of several, whose steps lie between one another [voxels]
-constexpr double kOpaque = 1e-6;               // transmittance behind which nothing is looked for
+constexpr int kTimes = 9;  // of the shutter, where anything moves
+constexpr double kStep = 0.7,
+                 kSteps = 1.05;   // of one ray, and of several, whose steps lie between one another [voxels]
+constexpr double kOpaque = 1e-6;  // transmittance behind which nothing is looked for
 constexpr double kUneven = 0.05, kEdge = 0.3;  // differences of alpha in a pixel
 
 /// Points on a pixel: (i / count, i * other / count), Fibonacci numbers.
@@ -36,7 +37,8 @@ struct NamedMedium {
 
 class Mattes {
  public:
-  Mattes(const Scene& scene, const SceneMedia& media, const PathContext& context, const Camera& camera, const Task& task)
+  Mattes(const Scene& scene, const SceneMedia& media, const PathContext& context, const Camera& camera,
+         const Task& task)
       : names_(scene), context_(context) {
     const std::vector<Medium>& all = media.media();
     moving_ = std::any_of(all.begin(), all.end(), [](const Medium& m) { return m.moves(); });
@@ -48,7 +50,8 @@ class Mattes {
     if (media_.empty() || (media_.size() > 1 && !moving_))
       whole_ = std::make_unique<GuideMedia>(all, std::span<const EmissionField>(), 0.5, task);
     rays_.emplace(context, camera, whole_ ? *whole_ : media_[0].at[0], moving_, /*sketch=*/false);
-    const bool grids = std::none_of(all.begin(), all.end(), [](const Medium& m) { return m.homogeneous().has_value(); });
+    const bool grids =
+        std::none_of(all.begin(), all.end(), [](const Medium& m) { return m.homogeneous().has_value(); });
     first_ = !context.surfaces && grids && rays_->across() == 1 ? kOne : kFive;
   }
 
@@ -232,8 +235,8 @@ class Mattes::Row {
 
   const Mattes& all_;
   const int colours_;
-  std::vector<double> coverage_;               // by thing, of the pixel's rays together
-  std::vector<std::vector<MediaLine>> lines_;  // by time; of each medium in each colour
+  std::vector<double> coverage_;                               // by thing, of the pixel's rays together
+  std::vector<std::vector<MediaLine>> lines_;                  // by time; of each medium in each colour
   std::vector<std::vector<std::pair<double, double>>> parts_;  // by medium
   std::vector<double> bounds_, sigma_;
   std::vector<size_t> active_;

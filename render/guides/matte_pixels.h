@@ -30,8 +30,8 @@ struct MatteRecord {
 /// chromatic media is the mean of the three colours'. Holdouts hide and cover nothing, lights neither.
 ///
 /// A pixel has five rays, or one where it is small against the voxels; 21 where those differ, 89 at edges; points of
-/// Fibonacci lattices on the pixel, so that a straight edge of any direction is known to a few hundredths at worst. What
-/// none of the first rays and none of the pixel's corners meets is missed.
+/// Fibonacci lattices on the pixel, so that a straight edge of any direction is known to a few hundredths at worst.
+/// What none of the first rays and none of the pixel's corners meets is missed.
 /// @param corner  of the window, in pixels of the whole picture
 /// Test: tests/render/matte_pixels_test.cpp
 MatteRecord record_mattes(const Scene& scene, const SceneMedia& media, const PathContext& context, const Camera& camera,

@@ -131,8 +131,13 @@ GuideMedia::Point MediaLine::look_up(double t, dvec3* gradient) {
     if (!(found > 0)) return point;
     const GuideMedia::Constants& c = media_.constants_[0];
     if (gradient) *gradient = c.per_density[colour] * locals_[0].medium->gradient_to_world(slope);
-    return {found * c.per_density[colour], c.albedo[colour], media_.mean_cosine_[0], found * c.inverse_maximum, c.tint,
-            locals_[0].medium->holdout() ? 0.0 : 1.0, c.albedo[colour]};
+    return {found * c.per_density[colour],
+            c.albedo[colour],
+            media_.mean_cosine_[0],
+            found * c.inverse_maximum,
+            c.tint,
+            locals_[0].medium->holdout() ? 0.0 : 1.0,
+            c.albedo[colour]};
   }
   double scattered = 0, forward = 0, seen = 0, seen_scattered = 0;
   dvec3 tint(0);

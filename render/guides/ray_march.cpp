@@ -497,8 +497,9 @@ HWY_INLINE void RayMarch::take(M active, V t, V middle, V length, V next, V thic
   distance_.add(w_seen * behind);
   distance2_.add(w_seen * behind * behind);
   density_.add(w_seen * media.density);
-  gradient_.store(gradient_.load() +
-                  w_seen / (brume::HWY_NAMESPACE::length(media.gradient) + scene_.steps.gentle_gradient) * media.gradient);
+  gradient_.store(gradient_.load() + w_seen /
+                                         (brume::HWY_NAMESPACE::length(media.gradient) + scene_.steps.gentle_gradient) *
+                                         media.gradient);
 }
 
 void RayMarch::keep_step(M mask, V t, V next, V w, V left) {

@@ -154,7 +154,8 @@ void describe(Visitor& v, EnvironmentSettings& e) {
      .choices = {"none", "preetham", "atmosphere"}},
     e.sky);
   v({"turbidity", "1", "haze of the sky: 2 is very clear, 10 hazy", 1.9, 10}, e.turbidity);
-  v({"sun_direction", "", "sky: towards its sun, above the horizon; of an atmosphere at most 6 degrees below it"}, e.sun_direction);
+  v({"sun_direction", "", "sky: towards its sun, above the horizon; of an atmosphere at most 6 degrees below it"},
+    e.sun_direction);
   v({"sky_sun", "", "whether the sky brings its sun"}, e.sky_sun);
   v({"ground_albedo", "1",
      "sky: reflectance of the ground below the horizon, which the sky lights, and with sky_sun its sun", 0, 1},

@@ -100,12 +100,18 @@ void take_field_files(const Parser& parser, VolumeSettings& v, const toml::value
   }
 }
 
+void check_box(const VolumeSettings& v, const toml::value& table) {
+  if (!glm::all(glm::lessThan(v.lo, v.hi))) fail_at("'lo' is not below 'hi'", table, "expected a box with a volume");
+}
+
 /// A layer has both corners of a box, or none and no end. @throws InputError
 void check_layer(const Parser& parser, VolumeSettings& v, const toml::value& table) {
   if (parser.has("lo") != parser.has("hi"))
     fail_at(parser.has("lo") ? "'lo' stands without 'hi'" : "'hi' stands without 'lo'",
             table.at(parser.has("lo") ? "lo" : "hi"), "expected both, or neither: a layer without an end");
-  if (!parser.has("lo")) {
+  if (parser.has("lo")) {
+    check_box(v, table);
+  } else {
     v.lo = v.hi = dvec3(0);
     for (const char* key : {"object_to_world", "object_to_world_end"})
       if (parser.has(key))
@@ -135,8 +141,10 @@ void check_volume(Parser& parser, VolumeSettings& v, const toml::value& table) {
              fmt::format("shape = \"{}\"", v.shape));
     if (v.shape == "everywhere")
       conflict({"lo", "hi", "object_to_world", "object_to_world_end"}, "shape = \"everywhere\"");
-    if (v.shape == "layer") check_layer(parser, v, table);
-    if (!is_endless_layer(v) && !glm::all(glm::lessThan(v.lo, v.hi))) fail_at("'lo' is not below 'hi'", table, "expected a box with a volume");
+    if (v.shape == "layer")
+      check_layer(parser, v, table);
+    else
+      check_box(v, table);
   }
   take_field_files(parser, v, table);
   if (v.shape != "layer")

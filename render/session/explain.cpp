@@ -37,9 +37,9 @@ std::string depth_text(const Medium& m) {
 std::string medium_text(const Medium& m) {
   std::string text;
   if (m.homogeneous()) {
-    text = m.falls_off()                                                 ? "layer that falls off with height"
+    text = m.falls_off()                                             ? "layer that falls off with height"
            : m.homogeneous()->shape == HomogeneousShape::Shape::kBox ? "homogeneous box"
-                                                                         : "homogeneous sphere";
+                                                                     : "homogeneous sphere";
   } else {
     const BrickGrid& b = m.bricks();
     text = fmt::format("{} bricks of {}^3, {} x {} x {} cells, maximum density {:.4g}", b.brick_count(), b.stored(),

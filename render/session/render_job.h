@@ -38,7 +38,7 @@ struct RenderReport {
 
 struct RenderResult {
   Layers layers;
-  std::optional<DeepRecord> deep;  ///< where RenderJob::deep_samples asks for it
+  std::optional<DeepRecord> deep;     ///< where RenderJob::deep_samples asks for it
   std::optional<MatteRecord> mattes;  ///< where RenderJob::mattes asks for it
   RenderReport report;
 };

@@ -154,8 +154,7 @@ void MediaFlights::each_part_in_shape(size_t m, size_t slot, const Ray& ray, con
   instances->each_met(ray, end, [&](size_t number) {
     const Instance& one = (*instances)[number];
     const Ray local = one.to_local(ray);
-    if (const auto [t0, t1] = part_inside(bounds_[m], local, end); t0 < t1)
-      visit(local, t0, t1, one.density, number);
+    if (const auto [t0, t1] = part_inside(bounds_[m], local, end); t0 < t1) visit(local, t0, t1, one.density, number);
   });
 }
 
@@ -314,9 +313,10 @@ void MediaFlights::dim(size_t medium, size_t i, const dvec3& passes) {
 
 void MediaFlights::shadow_through_shape(size_t m, const SlotList& rays) {
   for (const size_t i : rays) {
-    each_part_in_shape(m, i, w_.shadow[i], w_.shadow_end[i], [&](const Ray& local, double t0, double t1, double density, size_t) {
-      dim(m, i, glm::exp(-c_.media[m].coefficients().sigma_t * density * bounds_[m].integral(local, t0, t1)));
-    });
+    each_part_in_shape(
+        m, i, w_.shadow[i], w_.shadow_end[i], [&](const Ray& local, double t0, double t1, double density, size_t) {
+          dim(m, i, glm::exp(-c_.media[m].coefficients().sigma_t * density * bounds_[m].integral(local, t0, t1)));
+        });
   }
 }
 

@@ -43,8 +43,8 @@ bool far_from_fields(const Medium& medium, const SceneMedia& media, const Lights
 /// Whether all there is lies in one still grid, but for still fields that emit.
 bool is_one_grid(const Plan& plan, const SceneMedia& media, const Lights& lights) {
   const auto& fields = media.emissions();
-  return plan.media.size() == 1 && plan.media[0] == Precision::kLanes && !plan.instances && !plan.holdouts && !plan.chromatic &&
-         !plan.surfaces && !plan.moving_media && !plan.layers.records && lights.all_solid() &&
+  return plan.media.size() == 1 && plan.media[0] == Precision::kLanes && !plan.instances && !plan.holdouts &&
+         !plan.chromatic && !plan.surfaces && !plan.moving_media && !plan.layers.records && lights.all_solid() &&
          std::all_of(fields.begin(), fields.end(), LaneEmission::fits);
 }
 

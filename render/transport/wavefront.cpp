@@ -78,9 +78,8 @@ class Wavefront {
     counters_.tracking.stop = c_.stop;
     for (;;) {
       if (c_.stop != nullptr) c_.stop->check();
-      for (SlotList* list :
-           {&pool_.hits, &pool_.met, &pool_.escapes, &pool_.shadows, &pool_.alive, &pool_.passed, &pool_.held,
-            &pool_.emission_only})
+      for (SlotList* list : {&pool_.hits, &pool_.met, &pool_.escapes, &pool_.shadows, &pool_.alive, &pool_.passed,
+                             &pool_.held, &pool_.emission_only})
         list->clear();
       start_paths();
       if (pool_.active.count + pool_.hits.count + pool_.emission_only.count == 0) break;
@@ -88,7 +87,7 @@ class Wavefront {
       if (emission_ && !c_.plan.chromatic) emission_->add({&pool_.hits, &pool_.met, &pool_.escapes, &pool_.held});
       for (const size_t i : pool_.held) finish(i);
       for (const size_t i : pool_.escapes) escape(i);
-      counters_.tracking.collisions += pool_.hits.count;
+      counters_.tracking.collisions += pool_.hits.count + pool_.held.count;
       if (c_.plan.first_event) record_first_events();
       scatter();
       add_light();
@@ -197,10 +196,10 @@ class Wavefront {
     }
     for (const size_t i : active) {
       w_.past[i].in_hole = is_held(i);
-      SlotList& list = w_.past[i].in_hole                    ? pool_.held
+      SlotList& list = w_.past[i].in_hole                      ? pool_.held
                        : w_.medium[i] != WorldPaths::kNoMedium ? pool_.hits
-                       : w_.on_surface[i]                    ? pool_.met
-                                                             : pool_.escapes;
+                       : w_.on_surface[i]                      ? pool_.met
+                                                               : pool_.escapes;
       list.push(i);
     }
   }

@@ -247,7 +247,8 @@ void AtmosphereLight::solve(const Task& task) {
           return kind == 0 ? rayleigh_phase(c) : aerosol_phase(atmosphere_.aerosol_g, c);
         };
         const dvec3 mirrored = directions[j] * dvec3(1, -1, 1);
-        row[j] = 0.5 * solid[j] * (phase(glm::dot(directions[i], directions[j])) + phase(glm::dot(directions[i], mirrored)));
+        row[j] =
+            0.5 * solid[j] * (phase(glm::dot(directions[i], directions[j])) + phase(glm::dot(directions[i], mirrored)));
         sum += row[j];
       }
       for (size_t j = 0; j < kDirections; ++j) turned[kind][i * kDirections + j] = static_cast<float>(row[j] / sum);

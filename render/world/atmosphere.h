@@ -29,9 +29,7 @@ struct Atmosphere {
   /// Densities relative to those that the coefficients are of: air, aerosol, ozone.
   static dvec3 densities(double height);
   /// Of these densities or of their integrals along a ray.
-  dvec3 extinction(const dvec3& amounts) const {
-    return air * amounts.x + aerosol * amounts.y + ozone * amounts.z;
-  }
+  dvec3 extinction(const dvec3& amounts) const { return air * amounts.x + aerosol * amounts.y + ozone * amounts.z; }
 };
 
 /// The light in an atmosphere under a sun of irradiance 1, which is far away and small: solved once, order by order,
@@ -54,23 +52,25 @@ class AtmosphereLight {
 
  private:
   static constexpr int kHeights = 14, kElevations = 20, kAzimuths = 14, kDirections = kElevations * kAzimuths;
-  struct Place;  // in the tables
+  struct Place;                      // in the tables
   using Mean = std::array<vec3, 2>;  // radiance times phase function over all directions: Rayleigh's, the aerosol's
 
-  size_t index(int height, int sun) const { return static_cast<size_t>(height) * suns_.size() + static_cast<size_t>(sun); }
+  size_t index(int height, int sun) const {
+    return static_cast<size_t>(height) * suns_.size() + static_cast<size_t>(sun);
+  }
   void make_columns();
   dvec3 column(double r, double cosine) const;
   Place place(double r, double sun_sine) const;
   Mean scattered(const Place& place, double cosine, double cos_azimuth) const;
   dvec3 ground_irradiance(const Place& place, const std::vector<vec3>& of) const;
   template <class Source>
-  dvec3 march(const dvec3& p, const dvec3& d, double coarseness, const Source& source, bool& meets_ground,
-              dvec3& left, dvec3& end) const;
+  dvec3 march(const dvec3& p, const dvec3& d, double coarseness, const Source& source, bool& meets_ground, dvec3& left,
+              dvec3& end) const;
   void solve(const Task& task);
 
   Atmosphere atmosphere_;
-  std::vector<double> suns_;    // angles from the horizon to the sun
-  std::vector<vec3> columns_;   // logarithms of the integrals of the densities towards space
+  std::vector<double> suns_;      // angles from the horizon to the sun
+  std::vector<vec3> columns_;     // logarithms of the integrals of the densities towards space
   std::vector<Mean> scattered_;   // by height, sun and direction: of all orders but the first, fourth roots
   std::vector<vec3> irradiance_;  // of the ground by sun: direct and diffuse
 };

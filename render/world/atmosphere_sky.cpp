@@ -45,9 +45,7 @@ AtmosphereSky::AtmosphereSky(const Scene& scene, const Task& task) {
   const dvec3 eye{0, 0, Atmosphere::kGround + altitude_of(s)};
   const dvec3 sun{glm::dot(towards, frame.right), glm::dot(towards, frame.forward), sun_sine};
   const HomogeneousShape box = air_box(s);
-  const auto begin = [&](const dvec3& d) {
-    return s.air > 0 ? eye + box.intersect({dvec3(0), d}).second * d : eye;
-  };
+  const auto begin = [&](const dvec3& d) { return s.air > 0 ? eye + box.intersect({dvec3(0), d}).second * d : eye; };
 
   // Both sides of the sun are alike: rows of elevations by angles to its azimuth, finer near it.
   constexpr int kWidth = 1024, kHeight = 512, kTurns = 97;

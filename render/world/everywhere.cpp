@@ -39,8 +39,7 @@ EverywhereBox everywhere_box(const Scene& scene, const VolumeSettings& volume) {
 
 LayerPlace layer_place(const Scene& scene, const VolumeSettings& v) {
   const dvec3 up = glm::normalize(v.up.empty() ? scene.environment.up : dvec3(v.up[0], v.up[1], v.up[2]));
-  if (!is_endless_layer(v))
-    return {dmat4(1), {v.lo, v.hi}, {up / v.scale_height, v.base_height / v.scale_height}};
+  if (!is_endless_layer(v)) return {dmat4(1), {v.lo, v.hi}, {up / v.scale_height, v.base_height / v.scale_height}};
   constexpr double kLeft = 1e-3, kThinnest = 0.05, kScalesBelow = 2;
   const Frame frame(up);
   const dmat3 world_from_local(frame.x, frame.y, frame.z);

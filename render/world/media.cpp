@@ -77,8 +77,8 @@ struct SceneMedia::Places {
   }
 
   Scene world;
-  std::vector<size_t> volume;           ///< by volume of the world: its number in the scene
-  std::vector<InstanceList> instances;  ///< likewise; without matrices: the volume stands at its own place
+  std::vector<size_t> volume;              ///< by volume of the world: its number in the scene
+  std::vector<InstanceList> instances;     ///< likewise; without matrices: the volume stands at its own place
   std::vector<std::vector<size_t>> lists;  ///< likewise: of each of those places, or of a copy, the number of its list
 
  private:
@@ -453,7 +453,7 @@ class SceneMedia::Loader {
   const VolumeSettings& v_;
   const InstanceList& places_;
   const std::vector<size_t>& lists_;  // of places_, or of the place of a copy: the number of its [[instances]]
-  const size_t number_;  // of the volume in the scene's text
+  const size_t number_;               // of the volume in the scene's text
   const Scene& scene_;
   const Task& task_;
   const std::string file_, named_;  // how notes and errors call the volume

@@ -25,15 +25,15 @@ bool holds(const std::string& text, const std::string& part) {
 class Matte : public ::testing::Test {
  protected:
   Matte() {
-    test::write_file(folder_ / "two.toml",
-                     fmt::format("[camera]\nposition = [0, -7, 2]\nlook_at = [0, 0, 1]\nfov = 34\n"
-                                 "[environment]\nradiance = 0.5\n"
-                                 "[[volumes]]\nfile = \"{0}\"\nsigma_t = 5\nname = \"R\u00f6k\"\n"
-                                 "[[volumes]]\nfile = \"{0}\"\nsigma_t = 5\n"
-                                 "object_to_world = [[1,0,0,0.4],[0,1,0,0.5],[0,0,1,0],[0,0,0,1]]\n"
-                                 "[[surfaces]]\nfile = \"{1}\"\nmaterial_name = \"grass\"\n",
-                                 test::source("data/volumes/smoke.vdb").string(),
-                                 test::source("data/meshes/floor.obj").string()));
+    test::write_file(
+        folder_ / "two.toml",
+        fmt::format("[camera]\nposition = [0, -7, 2]\nlook_at = [0, 0, 1]\nfov = 34\n"
+                    "[environment]\nradiance = 0.5\n"
+                    "[[volumes]]\nfile = \"{0}\"\nsigma_t = 5\nname = \"R\u00f6k\"\n"
+                    "[[volumes]]\nfile = \"{0}\"\nsigma_t = 5\n"
+                    "object_to_world = [[1,0,0,0.4],[0,1,0,0.5],[0,0,1,0],[0,0,0,1]]\n"
+                    "[[surfaces]]\nfile = \"{1}\"\nmaterial_name = \"grass\"\n",
+                    test::source("data/volumes/smoke.vdb").string(), test::source("data/meshes/floor.obj").string()));
   }
   std::string path(const std::string& name) const { return (folder_ / name).string(); }
   void run(const std::string& arguments) {
@@ -98,8 +98,9 @@ TEST_F(Matte, AreToldAndTakenOut) {
   EXPECT_TRUE(holds(unknown, "f.exr") && holds(unknown, "smokey") && holds(unknown, "smoke")) << unknown;
   EXPECT_TRUE(holds(refused("matte " + path("one.exr") + " smoke -o " + path("x.exr")), "has no Cryptomatte"));
   EXPECT_TRUE(holds(refused("matte " + path("f.exr") + " smoke -o " + path("f.exr")), "f.exr"));
-  EXPECT_TRUE(holds(refused("render " + path("two.toml") + kTiny + "--part 1/2 --layers cryptomatte -o " + path("x.exr")),
-                    "without --part"));
+  EXPECT_TRUE(
+      holds(refused("render " + path("two.toml") + kTiny + "--part 1/2 --layers cryptomatte -o " + path("x.exr")),
+            "without --part"));
 }
 
 TEST_F(Matte, AreKeptByDenoiseBitForBit) {

@@ -74,7 +74,7 @@ TEST(Output, OfEveryVerbThatDoesNotGetThereIsAnError) {
       {"picture", "picture " + part + " -q -o " + path("a.png")},
   };
   ASSERT_EQ(run_brume(render + path("grouped.exr") + " -D render.light_groups=true --layers cryptomatte --deep " +
-                       path("deep.exr"))
+                      path("deep.exr"))
                 .status,
             0);
   std::vector<std::string> tested;

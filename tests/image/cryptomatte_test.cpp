@@ -21,8 +21,9 @@ TEST(Cryptomatte, HashesAreThoseOfTheSpecification) {
   EXPECT_EQ(matte_hash("torus"), 4053562365u);
   EXPECT_EQ(matte_hash("\xd1\x80\xd0\xb0\xd0\xb2\xd0\xbd\xd0\xb8\xd0\xbd\xd0\xb0"), 2518896926u);
   EXPECT_EQ(fmt::format("{:.11e}", static_cast<double>(matte_id("torus"))), "-1.54943624832e+30");
-  EXPECT_EQ(fmt::format("{:.11e}", static_cast<double>(matte_id("\xd1\x80\xd0\xb0\xd0\xb2\xd0\xbd\xd0\xb8\xd0\xbd\xd0\xb0"))),
-            "-1.31926312124e-25");
+  EXPECT_EQ(
+      fmt::format("{:.11e}", static_cast<double>(matte_id("\xd1\x80\xd0\xb0\xd0\xb2\xd0\xbd\xd0\xb8\xd0\xbd\xd0\xb0"))),
+      "-1.31926312124e-25");
   EXPECT_EQ(matte_hex(matte_id("bunny")), "13851a76");
   EXPECT_EQ(matte_hex(matte_id("default")), "42c9679f");
   EXPECT_EQ(matte_hex(matte_id("bunny_porcelain_mat")), "b24b26d4");
@@ -60,7 +61,8 @@ class CryptomatteFrame : public ::testing::Test {
     shares[0] = {{matte_id("smoke"), 0.25f}, {matte_id("ball"), 0.5f}, {matte_id("floor"), 0.125f}};
     shares[1] = {{matte_id("floor"), 0.75f}, {matte_id("lamp \"a\""), 0.0625f}};
     add_matte_layer("CryptoObject", 3, names, shares, frame_);
-    add_matte_layer("CryptoMaterial", 1, {"fog", "ball"}, {{{matte_id("fog"), 0.25f}, {matte_id("ball"), 0.5f}}, {}}, frame_);
+    add_matte_layer("CryptoMaterial", 1, {"fog", "ball"}, {{{matte_id("fog"), 0.25f}, {matte_id("ball"), 0.5f}}, {}},
+                    frame_);
   }
   std::vector<MatteLayer> layers() const { return matte_layers(frame_.header, frame_.names()); }
   float at(const std::vector<std::string>& names, int x, const std::string& layer = "") const {

@@ -1,6 +1,7 @@
 """Arguments that are wrong: each is refused by its name before any work begins, and none ends the interpreter."""
 
 import concurrent.futures
+import shutil
 import subprocess
 import sys
 import unittest
@@ -8,7 +9,7 @@ import unittest
 import numpy as np
 
 import brume
-from support import CLOUD, TEXT, Folder, random_frame
+from support import CLOUD, SOURCE, TEXT, Folder, random_frame
 
 # Python code that fails where memory is short, as an exception.
 SHORT_OF_MEMORY = """
@@ -108,6 +109,22 @@ class Arguments(Folder):
         self.refused("volums: no list of dicts; did you mean 'volumes'?", brume.Scene, {"volums": [{}]})
         vertices = [[0, 0, 0], [1, 0, 0], [0, 1, 0]]
         self.refused("surfaces.0: has no faces", brume.Scene, {"surfaces": [{"vertices": vertices, "faces": []}]})
+
+    def test_a_table_in_a_table_is_a_dict(self):
+        for frame in (1, 2):
+            shutil.copy(SOURCE / "data/volumes/fire.vdb", self.folder / f"fire.{frame}.vdb")
+        shots = [
+            {
+                "camera": {"position": [0, -5, 1], "look_at": [0, 0, 1]},
+                "film": {"width": 8, "height": 6},
+                "render": {"frame": 2, "spp": 1},
+                "volumes": [{"file": self.folder / "fire.#.vdb", "time": time}],
+            }
+            for time in ({"frame": np.array([[1, 1], [5, 2]]), "between": "blend"}, {"beyond": "loop", "offset": None}, {"speed": 2})
+        ]
+        self.assertEqual(brume.render(shots[0]).shape, (6, 8))
+        self.assertEqual(brume.render(shots[1], volumes__0__time__offset=0.5).shape, (6, 8))
+        self.refused("unknown key 'speed' in 'time' of [[volumes]]", brume.Scene, shots[2])
 
     def test_a_view_of_a_wrong_scene_is_refused_at_once(self):
         self.refused("camera.fovv", brume.view, CLOUD, camera__fovv=3)

@@ -58,6 +58,9 @@ brume.render(path, on_picture=tell)  # type: ignore[arg-type]
 assert_type(noisy["R"], npt.NDArray[np.float32])
 assert_type(noisy.image("direct"), npt.NDArray[np.float32])
 assert_type(noisy.header, dict[str, Any])
+assert_type(noisy.matte("smoke", "floor", layer="CryptoObject"), npt.NDArray[np.float32])
+assert_type(noisy.mattes(), dict[str, list[str]])
+noisy.matte(3)  # type: ignore[arg-type]
 assert_type(noisy.shape, tuple[int, int])
 assert_type(noisy.keys(), list[str])
 assert_type(iter(noisy), Iterator[str])

@@ -124,8 +124,7 @@ class PlainTracer {
   }
   double on_ground(const dvec3& p, Rng& rng) const {
     const dvec3 up = glm::normalize(p), above = up * (kGround + 0.01);
-    const double light =
-        a_.ground_albedo / kPi * std::max(0.0, glm::dot(up, sun_)) * transmittance(above, sun_);
+    const double light = a_.ground_albedo / kPi * std::max(0.0, glm::dot(up, sun_)) * transmittance(above, sun_);
     if (!(rng.uniform() < a_.ground_albedo)) return light;
     return light + along(above, around(up, std::sqrt(rng.uniform()), rng), rng);
   }
@@ -158,19 +157,19 @@ dvec3 towards(double elevation, double azimuth) {
 // From 50 m above the ground, clear and hazy, day and twilight, sky and ground. A difference of 3 % and three times the
 // tracer's noise, which is about 1 %, would be found, and of 1 % in the mean over all.
 TEST(Atmosphere, IsTheLightOfAPathTracer) {
-  const Look looks[] = {{2, 60, 80, 0, 5000},      {4, 60, 80, 0, 5000},     {2, 60, 2, 180, 20000},
-                        {2, 20, 30, 0, 5000},      {4, 20, 8, 60, 20000},    {2, 20, -10, 60, 20000},
-                        {4, 60, -40, 0, 20000},    {2, 5, 10, 30, 20000},    {4, 5, 60, 90, 40000},
-                        {2, 0.5, 8, 20, 40000},    {2, 0.5, 70, 90, 40000},  {2, -3, 5, 0, 80000},
-                        {2, -3, 30, 20, 80000},    {2, -3, 80, 90, 60000},   {2, -6, 8, 0, 80000}};
+  const Look looks[] = {{2, 60, 80, 0, 5000},   {4, 60, 80, 0, 5000},    {2, 60, 2, 180, 20000},  {2, 20, 30, 0, 5000},
+                        {4, 20, 8, 60, 20000},  {2, 20, -10, 60, 20000}, {4, 60, -40, 0, 20000},  {2, 5, 10, 30, 20000},
+                        {4, 5, 60, 90, 40000},  {2, 0.5, 8, 20, 40000},  {2, 0.5, 70, 90, 40000}, {2, -3, 5, 0, 80000},
+                        {2, -3, 30, 20, 80000}, {2, -3, 80, 90, 60000},  {2, -6, 8, 0, 80000}};
   constexpr size_t kLooks = std::size(looks);
   std::vector<dvec3> ours(kLooks), ratio(kLooks), error(kLooks);
   const dvec3 eye{0, 0, kGround + 50};
   std::map<std::pair<double, double>, AtmosphereLight> lights;  // by turbidity and sun
   for (size_t k = 0; k < kLooks; ++k) {
     const Look& look = looks[k];
-    const auto light = lights.try_emplace({look.turbidity, look.sun}, Atmosphere(look.turbidity, 0.3),
-                                          std::sin(look.sun * kPi / 180)).first;
+    const auto light =
+        lights.try_emplace({look.turbidity, look.sun}, Atmosphere(look.turbidity, 0.3), std::sin(look.sun * kPi / 180))
+            .first;
     ours[k] = light->second.radiance(eye, towards(look.elevation, look.azimuth), towards(look.sun, 0));
   }
   parallel_for(static_cast<int>(kLooks) * 3, {}, [&](int i) {
@@ -273,9 +272,8 @@ TEST(AtmosphereSky, EndsWithTheSun) {
 
 TEST(AtmosphereSky, SaysWhatIsWrong) {
   const auto wrong = [](const std::string& keys) {
-    return test::error_of([&] {
-      parse_scene("[camera]\nposition = [0, 0, 0]\nlook_at = [0, 1, 0]\n[environment]\n" + keys, "a.toml");
-    });
+    return test::error_of(
+        [&] { parse_scene("[camera]\nposition = [0, 0, 0]\nlook_at = [0, 1, 0]\n[environment]\n" + keys, "a.toml"); });
   };
   const auto holds = [](const std::string& text, const char* part) {
     return text.find(part) != std::string::npos ? ::testing::AssertionSuccess() : ::testing::AssertionFailure() << text;

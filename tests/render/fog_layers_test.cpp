@@ -198,9 +198,8 @@ TEST(FogLayer, IsPredictedByItsGuides) {
 }
 
 std::string wrong(const std::string& keys) {
-  return test::error_of([&] {
-    parse_scene("[camera]\nposition = [0, 0, 0]\nlook_at = [0, 1, 0]\n[[volumes]]\n" + keys, "a.toml");
-  });
+  return test::error_of(
+      [&] { parse_scene("[camera]\nposition = [0, 0, 0]\nlook_at = [0, 1, 0]\n[[volumes]]\n" + keys, "a.toml"); });
 }
 
 TEST(FogLayer, SaysWhatIsWrong) {

@@ -52,7 +52,8 @@ double mean_alpha(const Layers& frame) {
 }
 
 // A holdout from 0 to 1, fog that glows from 2 to 3, the sky behind: what is seen is dimmed by both, alpha is what the
-// fog covers behind the holdout. 64 pixels of 2,000 paths: five standard errors are at most 0.007 of alpha and of light.
+// fog covers behind the holdout. 64 pixels of 2,000 paths: five standard errors are at most 0.007 of alpha and of
+// light.
 TEST(HoldoutVolumes, HideWhatIsBehindThem) {
   Scene s = scene();
   const dvec3 held(0.3, 0.6, 0.9), fog(0.7, 0.5, 0.2);

@@ -120,8 +120,8 @@ TEST_F(MattePixels, AlphaBehindHoldoutsIsTheMatte) {
 TEST_F(MattePixels, EdgesOfSurfacesCoverTheirArea) {
   scene_.camera.width = 2;
   const double slope = 0.37;
-  test::write_file(folder_ / "half.obj", fmt::format("v -3 0 {}\nv 3 0 {}\nv 3 0 -9\nv -3 0 -9\nf 1 2 3 4\n", -3 * slope,
-                                                     3 * slope));
+  test::write_file(folder_ / "half.obj",
+                   fmt::format("v -3 0 {}\nv 3 0 {}\nv 3 0 -9\nv -3 0 -9\nf 1 2 3 4\n", -3 * slope, 3 * slope));
   scene_.surfaces.emplace_back();
   scene_.surfaces[0].file = folder_ / "half.obj";
   const MatteRecord found = record();

@@ -14,7 +14,8 @@
 namespace brume {
 namespace {
 
-const std::pair<double, double> kParticles[] = {{1.1, 3.5835}, {1.05, 3.3}, {1.2, 4.5}, {1.02, 4.9}, {1.3, 3.2}, {1.15, 4}};
+const std::pair<double, double> kParticles[] = {{1.1, 3.5835}, {1.05, 3.3}, {1.2, 4.5},
+                                                {1.02, 4.9},   {1.3, 3.2},  {1.15, 4}};
 
 /// Probability of angles with sin^2 of the half between two values, by quadrature of the density.
 double probability(const FournierForand& phase, double from, double to) {

@@ -121,10 +121,10 @@ TEST(HeightFalloff, FlightsFollowTheirDistribution) {
     const double end = 60, sigma = 0.9;
     std::vector<double> depth{0};
     for (int i = 0; i < kCells; ++i)
-      depth.push_back(depth.back() + sigma * end / kCells / 6 *
-                                         (fog.density(ray.at(end * i / kCells)) +
-                                          4 * fog.density(ray.at(end * (i + 0.5) / kCells)) +
-                                          fog.density(ray.at(end * (i + 1) / kCells))));
+      depth.push_back(depth.back() +
+                      sigma * end / kCells / 6 *
+                          (fog.density(ray.at(end * i / kCells)) + 4 * fog.density(ray.at(end * (i + 0.5) / kCells)) +
+                           fog.density(ray.at(end * (i + 1) / kCells))));
     std::vector<int> count(kParts);
     for (int k = 0; k < kFlights; ++k) {
       const double t = fog.reaches(ray, 0, rng.exponential() / sigma);
