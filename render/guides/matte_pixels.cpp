@@ -20,7 +20,8 @@ constexpr int kTimes = 9;  // of the shutter, where anything moves
 constexpr double kStep = 0.7,
                  kSteps = 1.05;   // of one ray, and of several, whose steps lie between one another [voxels]
 constexpr double kOpaque = 1e-6;  // transmittance behind which nothing is looked for
-constexpr double kUneven = 0.05, kEdge = 0.3;  // differences of alpha in a pixel
+constexpr double kUneven = 0.05, kEdge = 0.3;  // differences of what a medium hides in a pixel
+constexpr double kSmall = 4, kLarge = 12;      // pixels [voxels]
 
 /// Points on a pixel: (i / count, i * other / count), Fibonacci numbers.
 struct Pattern {
@@ -52,13 +53,25 @@ class Mattes {
     rays_.emplace(context, camera, whole_ ? *whole_ : media_[0].at[0], moving_, /*sketch=*/false);
     const bool grids =
         std::none_of(all.begin(), all.end(), [](const Medium& m) { return m.homogeneous().has_value(); });
-    first_ = !context.surfaces && grids && rays_->across() == 1 ? kOne : kFive;
+    if (all.empty()) return;
+    const double size = pixel_size(camera, whole_ ? *whole_ : media_[0].at[0]);
+    const bool alone = !context.surfaces && grids && rays_->across() == 1;
+    first_ = alone ? kOne : size < kSmall ? kFive : size < kLarge ? kMore : kMost;
   }
 
   MatteRecord record(const ivec2& corner, const ivec2& size, const Task& task) const;
 
  private:
   class Row;
+
+  /// In the middle of the media [voxels].
+  static double pixel_size(const Camera& camera, const GuideMedia& media) {
+    const dvec3 middle = 0.5 * (media.lo() + media.hi());
+    const dvec2 pixel = 0.5 * dvec2(camera.film_size());
+    const Ray a = camera.ray(pixel), b = camera.ray(pixel + dvec2(1, 0));
+    const double distance = glm::distance(a.o, middle);
+    return glm::distance(a.at(distance), b.at(distance)) / media.voxel();
+  }
 
   uint32_t thing(const std::string& object, const std::string& material) {
     const auto [found, fresh] = numbers_.try_emplace({object, material}, static_cast<uint32_t>(things_.size()));
@@ -112,6 +125,8 @@ class Mattes::Row {
         for (int c = 0; c < colours_; ++c) lines.emplace_back(m.at[time], colours_ == 3 ? c : kGrey);
     }
     parts_.resize(all.media_.size());
+    hidden_.resize(all.media_.size());
+    range_.resize(all.media_.size());
     sigma_.resize(lines_.empty() ? 0 : lines_[0].size());
   }
 
@@ -126,16 +141,20 @@ class Mattes::Row {
 
  private:
   /// Whether surfaces of a pixel end, or media as surfaces do.
-  bool sharp() const { return !alike_ || most_ - least_ > kEdge; }
+  bool sharp() const { return !alike_ || differs(kEdge); }
+  /// Whether what any medium hides differs by more from ray to ray.
+  bool differs(double by) const {
+    return std::any_of(range_.begin(), range_.end(), [&](const Range& r) { return r.most - r.least > by; });
+  }
 
   /// @return whether more rays would tell more
   bool trace(const ivec2& at, const Pattern& pattern) {
     std::fill(coverage_.begin(), coverage_.end(), 0.0);
     alike_ = true;
-    least_ = 1, most_ = 0;
+    std::fill(range_.begin(), range_.end(), Range());
     for (int i = 0; i < pattern.count; ++i) ray(at, i, pattern);
     if (pattern.count == kMost.count) return false;
-    return pattern.count == kMore.count ? sharp() : !alike_ || most_ - least_ > kUneven;
+    return pattern.count == kMore.count ? sharp() : !alike_ || differs(kUneven);
   }
 
   void ray(const ivec2& at, int i, const Pattern& pattern) {
@@ -159,25 +178,26 @@ class Mattes::Row {
     do std::tie(light, passed) = all_.context_.lights->nearest(ray, end, /*seen=*/true, passed);
     while (light && !light->solid());
     if (light) end = passed;
-    double covered = 0;
-    const double left = march(ray, end, s.time, pattern.count == 1 ? kStep : kSteps, turn(0.6180339887498949), covered);
+    std::fill(hidden_.begin(), hidden_.end(), 0.0);
+    const double left = march(ray, end, s.time, pattern.count == 1 ? kStep : kSteps, turn(0.6180339887498949));
+    for (size_t m = 0; m < hidden_.size(); ++m) {
+      range_[m].least = std::min(range_[m].least, hidden_[m]);
+      range_[m].most = std::max(range_[m].most, hidden_[m]);
+      if (!all_.media_[m].holdout) coverage_[all_.media_[m].thing] += hidden_[m];
+    }
     int64_t surface = light ? -2 : -1;
     if (hit && !light) {
       surface = hit->surface;
-      if (all_.context_.surfaces->settings(hit->surface).role != "holdout") {
+      if (all_.context_.surfaces->settings(hit->surface).role != "holdout")
         coverage_[all_.surfaces_[hit->surface]] += left;
-        covered += left;
-      }
     }
     if (i == 0) surface_ = surface;
     alike_ = alike_ && surface == surface_;
-    least_ = std::min(least_, covered);
-    most_ = std::max(most_, covered);
   }
 
-  /// Adds what media cover. @param step  [voxels]   @param late  share of a step by which the first one is shortened
+  /// Adds what media hide. @param step  [voxels]   @param late  share of a step by which the first one is shortened
   /// @return what is left of the light from behind
-  double march(const Ray& ray, double t_max, double time, double step, double late, double& covered) {
+  double march(const Ray& ray, double t_max, double time, double step, double late) {
     if (lines_.empty()) return 1;
     const auto now = std::min(static_cast<size_t>(time * static_cast<double>(lines_.size())), lines_.size() - 1);
     std::vector<MediaLine>& lines = lines_[now];
@@ -208,25 +228,20 @@ class Mattes::Row {
       const double first = steps > 1 ? late : 0;
       for (double k = 0; k - first < steps && mean(left) > kOpaque; ++k) {
         const double begin = std::max(k - first, 0.0), end = std::min(k + 1 - first, steps);
-        take(lines, from + 0.5 * (begin + end) * length, (end - begin) * length, left, covered);
+        take(lines, from + 0.5 * (begin + end) * length, (end - begin) * length, left);
       }
     }
     return mean(left);
   }
 
-  void take(std::vector<MediaLine>& lines, double at, double length, double* left, double& covered) {
+  void take(std::vector<MediaLine>& lines, double at, double length, double* left) {
     const double share = 1.0 / colours_;
     for (int c = 0; c < colours_; ++c) {
       double sum = 0;
       for (const size_t m : active_) sum += sigma_[m * colours_ + c] = lines[m * colours_ + c].at(at).sigma_t;
       if (!(sum > 0)) continue;
       const double w = -std::expm1(-sum * length) * left[c];
-      for (const size_t m : active_) {
-        if (all_.media_[m].holdout) continue;
-        const double own = share * w * (sigma_[m * colours_ + c] / sum);
-        coverage_[all_.media_[m].thing] += own;
-        covered += own;
-      }
+      for (const size_t m : active_) hidden_[m] += share * w * (sigma_[m * colours_ + c] / sum);
       left[c] -= w;
     }
   }
@@ -240,10 +255,14 @@ class Mattes::Row {
   std::vector<std::vector<std::pair<double, double>>> parts_;  // by medium
   std::vector<double> bounds_, sigma_;
   std::vector<size_t> active_;
-  // Of the pixel's rays: what ends the first one, whether all end there, and the range of what covers.
+  std::vector<double> hidden_;  // by medium, of a ray: what it takes of the light from behind
+  struct Range {
+    double least = 1, most = 0;
+  };
+  std::vector<Range> range_;  // of that, of the pixel's rays
+  // What ends the first of the pixel's rays, and whether all end there.
   int64_t surface_ = -1;
   bool alike_ = true;
-  double least_ = 1, most_ = 0;
 };
 
 MatteRecord Mattes::record(const ivec2& corner, const ivec2& size, const Task& task) const {

@@ -134,6 +134,19 @@ class MatteTest(unittest.TestCase):
         self.assertLess((held - plain).max(), 0.05)
         self.assertGreater((plain - held).max(), 0.3)
 
+    def test_objects_that_share_their_volume_have_mattes_of_their_own(self):
+        self.scene(levels=4)
+        other = scenes.link("Other", bpy.data.objects["Smoke"].data, (1, 0, 0))
+        frame = scenes.render(self.path("two.exr"))
+        smoke, second = (matte_of(frame, "ViewLayer.CryptoObject", name, 4) for name in ("Smoke", "Other"))
+        self.assertGreater(min(smoke.max(), second.max()), 0.5)
+        both = matte_of(frame, "ViewLayer.CryptoMaterial", "Smoke", 4)
+        np.testing.assert_allclose(smoke + second, both, atol=1e-6)
+        other.is_holdout = True
+        frame = scenes.render(self.path("held.exr"))
+        self.assertEqual(matte_of(frame, "ViewLayer.CryptoObject", "Other", 4).max(), 0)
+        np.testing.assert_allclose(matte_of(frame, "ViewLayer.CryptoObject", "Smoke", 4), smoke, atol=0.02)
+
 
 if __name__ == "__main__":
     scenes.run_tests(sys.modules[__name__])

@@ -117,11 +117,11 @@ def object_space_instances(b):
 
 def leaf(b):
     """A picture of a leaf with alpha, sRGB."""
-    y, x = np.mgrid[0:32, 0:32] / 31.0
-    pixels = np.ones((32, 32, 4), np.float32)
+    y, x = np.mgrid[0:128, 0:128] / 127.0
+    pixels = np.ones((128, 128, 4), np.float32)
     pixels[..., 0], pixels[..., 1], pixels[..., 2] = 0.3 + 0.5 * x, 0.7, 0.3
     pixels[..., 3] = (x - 0.5) ** 2 + 2 * (y - 0.5) ** 2 < 0.2
-    made = bpy.data.images.new("leaf", 32, 32, alpha=True)
+    made = bpy.data.images.new("leaf", 128, 128, alpha=True)
     made.pixels.foreach_set(pixels.ravel())
     made.filepath_raw, made.file_format = os.path.join(b.folder, "leaf.png"), "PNG"
     made.save()

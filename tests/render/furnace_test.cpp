@@ -10,6 +10,7 @@
 #include "render/transport/wavefront.h"
 #include "tests/support/files.h"
 #include "tests/support/volumes.h"
+#include "volume/vdb_io.h"
 
 namespace brume {
 namespace {

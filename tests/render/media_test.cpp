@@ -12,6 +12,7 @@
 #include "render/session/renderer.h"
 #include "tests/support/files.h"
 #include "tests/support/volumes.h"
+#include "volume/vdb_io.h"
 
 namespace brume {
 namespace {

@@ -14,6 +14,7 @@
 #include "render/world/media.h"
 #include "tests/support/files.h"
 #include "tests/support/volumes.h"
+#include "volume/vdb_io.h"
 
 namespace brume {
 namespace {

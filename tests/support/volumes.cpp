@@ -8,6 +8,7 @@
 
 #include "render/scene/scene_io.h"
 #include "tests/support/files.h"
+#include "volume/vdb_io.h"
 
 namespace brume::test {
 

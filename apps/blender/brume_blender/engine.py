@@ -247,8 +247,9 @@ class _Frame:
         made = passes.Passes(frame, self._transparent)
         for p in self._passes:
             self._fill(self._engine._name(p), made.values(p))
+        whole = self._engine.get_result()  # of all view layers, which is written into files
         for key, value in passes.matte_metadata(frame.header, self._layer.name).items():
-            self._result.stamp_data_add_field(key, value)
+            whole.stamp_data_add_field(key, value)
         self._engine.update_result(self._result)
 
     def _end_result(self):

@@ -27,7 +27,7 @@ from .motion import motion_of
 from .notes import CannotTranslate, LeftOut, Notes
 from .placement import matrices_of
 from .places import Place
-from .surfaces import Surfaces
+from .surfaces import Surfaces, is_held_out, mark_of
 from .toml_text import Table, toml_text
 from .volumes import factor_of, file_of, volume_shader_of, volume_tables
 from .world import world_of, world_tables
@@ -212,7 +212,7 @@ class _Translator:
     def _marked(self, tables, thing):
         """Gives volumes the role of their object and, where there are mattes, its name; surfaces have them."""
         volumes = [table for table in tables if table.header == "[[volumes]]"]
-        if volumes and (thing.is_holdout or thing.original.holdout_get(view_layer=self._layer)):
+        if volumes and is_held_out(thing, self._layer):
             for table in volumes:
                 table.set(role="holdout")
         if volumes and self._named:
@@ -248,7 +248,8 @@ class _Translator:
 
     def _volume(self, instance, thing, matrices):
         materials, factor = self._materials(thing), factor_of(thing.data, instance.matrix_world)
-        key = (thing.data.as_pointer(), *(material and material.name_full for material in materials))
+        mark = mark_of(thing, self._layer, self._named)
+        key = (thing.data.as_pointer(), mark, *(material and material.name_full for material in materials))
 
         def made():
             shutter = self._motion and self._motion.shutter

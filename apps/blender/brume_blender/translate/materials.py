@@ -9,7 +9,7 @@ import numpy as np
 
 from .node_values import UnknownNode, Values
 from .nodes import as_the_camera_sees, output_of, tree_of
-from .pictures import NoPicture, alpha_of, pixels_of
+from .pictures import NoPicture, alpha_of, texels_of
 from .shares import Blend, Rest, Share
 
 DIMMED_SINCE = (4, 0, 0)  # Principled's gloss takes from its base what it reflects, and that is Lambert's
@@ -153,7 +153,7 @@ class _Shader:
             return None
         if plug.socket.name == "Alpha":
             return alpha_of(node.image).ravel()
-        return pixels_of(node.image, self._notes, self._name).reshape(-1, 3)
+        return texels_of(node, self._notes, self._name).reshape(-1, 3)
 
     def number(self, plug, say=None):
         """A number that is the same all over a surface. @param say  function of what was taken instead; says it unless given"""
@@ -235,7 +235,7 @@ class _Shader:
         seen = self._rays(plug)
         if seen is not None or plug.node.type != "TEX_IMAGE" or plug.node.image is None or plug.socket.name == "Alpha":
             return seen
-        return pixels_of(plug.node.image, self._notes, self._name).reshape(-1, 3).mean(0)
+        return texels_of(plug.node, self._notes, self._name).reshape(-1, 3).mean(0)
 
     def _transparency(self, plug, weight):
         self._transparent += weight

@@ -9,6 +9,7 @@ import numpy as np
 from .colour import linear_from_srgb
 
 LINEAR = ("Linear", "Linear Rec.709", "scene_linear", "Raw", "Non-Color", "Generic Data")
+DATA = ("Raw", "Non-Color", "Generic Data")
 SRGB = ("sRGB", "Filmic sRGB")
 
 
@@ -20,8 +21,20 @@ def is_linear(image):
     return image.colorspace_settings.name in LINEAR
 
 
-def pixels_of(image, notes, name):
-    """Linear RGB of (height, width, 3), the top row first. @throws NoPicture"""
+def is_cut(node):
+    """Whether the colours of an Image Texture are times the image's alpha: where its own Alpha is not used."""
+    image = node.image
+    own = image.channels == 4 and image.alpha_mode in ("STRAIGHT", "PREMUL") and image.colorspace_settings.name not in DATA
+    return own and not node.outputs["Alpha"].is_linked
+
+
+def texels_of(node, notes, name):
+    """Colours of an Image Texture: linear RGB of (height, width, 3), the top row first. @throws NoPicture"""
+    return pixels_of(node.image, notes, name, is_cut(node))
+
+
+def pixels_of(image, notes, name, cut=False):
+    """Linear RGB of (height, width, 3), the top row first. @param cut  whether times alpha   @throws NoPicture"""
     width, height = image.size
     if width == 0 or height == 0 or image.channels == 0:
         raise NoPicture(f"the image {image.name} has no pixels")
@@ -29,6 +42,8 @@ def pixels_of(image, notes, name):
     image.pixels.foreach_get(raw)
     raw = raw.reshape(height, width, image.channels)[::-1]
     rgb = raw[..., :3] if image.channels >= 3 else np.repeat(raw[..., :1], 3, -1)
+    if cut and image.channels == 4 and not (image.is_float and image.alpha_mode == "PREMUL"):
+        rgb = rgb * raw[..., 3:]
     space = image.colorspace_settings.name
     # Pixels of bytes are in the file's colours, those of floats in the scene's.
     if image.is_float or space in LINEAR:

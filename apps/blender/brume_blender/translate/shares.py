@@ -26,6 +26,10 @@ class Share:
             product = product * (1 - number if meant == self.REST else number)
         return product
 
+    def without(self, plugs):
+        keys = {plug.key() for plug in plugs}
+        return Share(tuple(term for term in self.terms if term[0].key() not in keys))
+
     def plugs(self):
         return [plug for plug, _ in self.terms]
 
@@ -39,11 +43,20 @@ class Blend:
 
     def of(self, values):
         """(N, 3), or (3,)."""
+        total = self._sum(values, lambda share: share)
+        if self._over is None:
+            return total
+        over = self._over.of(values)
+        # Where there is nothing to have a share of, what its neighbours have, which look-ups between both need.
+        beside = self._sum(values, lambda share: share.without(self._over.plugs()))
+        return np.where(over > 1e-4, total / np.maximum(over, 1e-4), beside)
+
+    def _sum(self, values, shared):
         total = np.zeros(3)
         for share, colour, gain in self.parts:
             own = np.asarray(colour) if isinstance(colour, (list, np.ndarray)) else values.colour(colour)
-            total = total + gain * np.asarray(share.of(values))[..., None] * own
-        return total if self._over is None else total / np.maximum(self._over.of(values), 1e-6)
+            total = total + gain * np.asarray(shared(share).of(values))[..., None] * own
+        return total
 
     def plugs(self):
         own = []

@@ -4,7 +4,7 @@ import numpy as np
 
 from .node_values import UnknownNode, Values
 from .nodes import as_the_camera_sees
-from .pictures import alpha_of, looked_up, pixels_of
+from .pictures import alpha_of, looked_up, texels_of
 
 
 class SurfacePoints:
@@ -62,7 +62,7 @@ class SurfacePoints:
         uv = np.broadcast_to(uv, (len(self._points), 3))
         if plug.socket.name == "Alpha":
             return looked_up(alpha_of(node.image)[..., None], uv[:, 0], uv[:, 1] % 1.0, repeat_v=True)[:, 0]
-        return looked_up(pixels_of(node.image, self._notes, self._name), uv[:, 0], uv[:, 1] % 1.0, repeat_v=True)
+        return looked_up(texels_of(node, self._notes, self._name), uv[:, 0], uv[:, 1] % 1.0, repeat_v=True)
 
     def _attribute(self, name, plug):
         colours = self._geometry.colours(name)

@@ -15,6 +15,17 @@ from .volumes import volume_shader_of
 NAMES = {"albedo": "base colour", "alpha": "alpha", "radiance": "light"}
 
 
+def is_held_out(thing, view_layer):
+    """Whether an object, or a collection of its, is a holdout."""
+    return thing.is_holdout or thing.original.holdout_get(view_layer=view_layer)
+
+
+def mark_of(thing, view_layer, named):
+    """What one volume's places have in common beside their shader: a holdout is no place of one that is seen, nor are things of
+    other names where there are mattes."""
+    return is_held_out(thing, view_layer), thing.name if named else ""
+
+
 class Surfaces:
     """Writes each mesh once, however many instances it has."""
 
@@ -72,7 +83,8 @@ class Surfaces:
         if matrices[1] is not None:
             return made()[0]
         key, materials = mesh
-        return self._instances.tables((key, *(m and m.name_full for m in materials)), matrices[0], 1.0, made)
+        mark = mark_of(thing, self._view_layer, self._named)
+        return self._instances.tables((key, mark, *(m and m.name_full for m in materials)), matrices[0], 1.0, made)
 
     def _surface(self, thing, key, geometry, part, material, place, matrices):
         """@param part  the material's slot, of how many, and which triangles are of it"""
@@ -164,8 +176,7 @@ class Surfaces:
 
     def _set_role(self, table, thing, surface):
         original = thing.original
-        held = thing.is_holdout or original.holdout_get(view_layer=self._view_layer)
-        if held or surface.holdout:
+        if is_held_out(thing, self._view_layer) or surface.holdout:
             table.set(role="holdout")
         elif thing.is_shadow_catcher:
             self.any_catcher = True

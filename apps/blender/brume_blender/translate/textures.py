@@ -6,7 +6,7 @@ import numpy as np
 
 from .node_values import UnknownNode, Values
 from .nodes import as_the_camera_sees, signature
-from .pictures import NoPicture, alpha_of, file_of, is_linear, pixels_of, write_exr
+from .pictures import NoPicture, alpha_of, file_of, is_cut, is_linear, texels_of, write_exr
 
 PROBES = 2048  # points by which colours are told apart
 TEXELS = 1 << 18  # of a picture of triangles, unless these are more
@@ -146,6 +146,7 @@ class Textures:
         uv_map, matrix, offset = self._coordinates(image_plug)
         path = file_of(image)
         direct = np.all(gain == 1) and wanted.is_just(image_plug) and path is not None and _read_alike(image, path)
+        direct = direct and not (is_cut(node) and alpha_of(image).min() < 1)
         if not direct:
             path = self._folder.new(".exr", "texture", image.name)
             width, height = image.size
@@ -167,7 +168,7 @@ class Textures:
             found.append(p)
             if p.socket.name == "Alpha":
                 return alpha_of(p.node.image).ravel()
-            return pixels_of(p.node.image, self._notes, name).reshape(-1, 3)
+            return texels_of(p.node, self._notes, name).reshape(-1, 3)
 
         return leaves
 
