@@ -53,6 +53,7 @@ class Motion {
     alone.lights.clear();
     alone.surfaces.clear();
     alone.instances.clear();
+    alone.environment.air = 0;
     for (size_t i = 0; i < scenes.now.volumes.size(); ++i) {
       const bool placed = std::any_of(scenes.now.instances.begin(), scenes.now.instances.end(),
                                       [&](const auto& s) { return s.enabled && static_cast<size_t>(s.volume) == i; });

@@ -61,6 +61,16 @@ MarchedGrid marched_grid(const GuideMedia& media, size_t medium, GuideColour col
   return grid;
 }
 
+double spacing_of(const SunDepth& depth) {
+  double nodes = 0;  // for each world unit along the axis that the columns run along most
+  for (int a = 0; a < 3; ++a) {
+    dvec3 axis(0);
+    axis[a] = 1;
+    nodes = std::max(nodes, std::abs(depth.line({dvec3(0), axis}).along.x));
+  }
+  return 1 / nodes;
+}
+
 /// How far a ray goes until the height in a layer has changed by a part of its scale.
 double longest_through_layers(const GuideMedia& media, const Ray& ray) {
   double longest = kFar;
@@ -85,8 +95,14 @@ MarchSteps::MarchSteps(const GuideMedia& media, const LightFields& fields, Guide
   }
   gentle_gradient = static_cast<float>(std::max(kGentleGradient * densest * length * length / media.voxel(), 1e-30));
   double most = kEvenNodes * fields.lattice().spacing / length;
+  // Wide layers of fog have wide lattices of depths towards suns: shadows are no finer than these.
+  const bool layers =
+      std::any_of(media.media().begin(), media.media().end(), [](const Medium& m) { return m.falls_off(); });
   for (const auto& light : fields.lights())
-    if (light->sharp() && light->sharp()->sun() && media.media().size() > 1) most = std::min(most, kEvenStride);
+    if (light->sharp() && light->sharp()->sun() && media.media().size() > 1) {
+      const double between = kEvenNodes * spacing_of(light->sharp()->sun()->depth(0)) / length;
+      most = std::min(most, layers ? std::max(kEvenStride, between) : kEvenStride);
+    }
   if (even > 0) even_stride = std::max(1.0, std::floor(std::min(kEvenThickness / (even * length), most)));
   // Light of many tints is coloured where it is scattered, of suns and of nodes together.
   if (!media.mixed_tints()) field_spacing = static_cast<float>(kNodesPerLookUp * fields.lattice().spacing / length);

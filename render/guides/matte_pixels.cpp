@@ -21,7 +21,7 @@ constexpr double kStep = 0.7,
                  kSteps = 1.05;   // of one ray, and of several, whose steps lie between one another [voxels]
 constexpr double kOpaque = 1e-6;  // transmittance behind which nothing is looked for
 constexpr double kUneven = 0.05, kEdge = 0.3;  // differences of what a medium hides in a pixel
-constexpr double kSmall = 4, kLarge = 12;      // pixels [voxels]
+constexpr double kSmall = 4, kLarge = 12;      // pixels: larger ones begin with more rays [voxels]
 
 /// Points on a pixel: (i / count, i * other / count), Fibonacci numbers.
 struct Pattern {
@@ -80,7 +80,9 @@ class Mattes {
   }
 
   void add(const Medium& medium, const SceneMedia::Origin& origin, const Task& task) {
-    const std::string &name = names_.volumes[origin.volume], &material = names_.volume_materials[origin.volume];
+    const bool air = origin.volume >= names_.volumes.size();  // which the environment adds to the scene's volumes
+    const std::string name = air ? "air" : names_.volumes[origin.volume],
+                      material = air ? "air" : names_.volume_materials[origin.volume];
     const auto name_of = [&](size_t list) { return names_.instances[list]; };
     const auto push = [&](const Medium& one, const std::string& called) {
       NamedMedium& to = media_.emplace_back(NamedMedium{thing(called, material), one.holdout(), {}});

@@ -40,13 +40,14 @@ EverywhereBox everywhere_box(const Scene& scene, const VolumeSettings& volume) {
 LayerPlace layer_place(const Scene& scene, const VolumeSettings& v) {
   const dvec3 up = glm::normalize(v.up.empty() ? scene.environment.up : dvec3(v.up[0], v.up[1], v.up[2]));
   if (!is_endless_layer(v)) return {dmat4(1), {v.lo, v.hi}, {up / v.scale_height, v.base_height / v.scale_height}};
-  constexpr double kLeft = 1e-3, kThinnest = 0.05, kScalesBelow = 2;
+  constexpr double kLeft = 1e-3, kThinnest = 0.1, kScalesBelow = 2;
+  constexpr double kAside = 2;  // times as far: of what a ray just above the horizon passes, most lies far away
   const Frame frame(up);
   const dmat3 world_from_local(frame.x, frame.y, frame.z);
   EverywhereBox box = box_of_eye_and_lamps(scene, glm::transpose(world_from_local));
   const double reach = reach_of(v.sigma_t), base = v.base_height, scale = v.scale_height;
   const double density = std::exp(-std::max(0.0, box.hi.z - base) / scale);
-  const double aside = reach / std::max(density, kThinnest);
+  const double aside = kAside * reach / std::max(density, kThinnest);
   const double depth = max_component(v.sigma_t) * scale;
   box.lo -= dvec3(aside, aside, 0);
   box.hi += dvec3(aside, aside, 0);

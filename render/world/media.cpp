@@ -303,7 +303,7 @@ class SceneMedia::Loader {
     }
     Medium medium(density.bricks, world_from(density.world_from_index), {v_.sigma_t, v_.albedo}, phase_of(v_));
     if (v_.albedo_grid != "none" && !medium.empty()) load_colour_into(medium);
-    if (v_.velocity_grid != "none" && !shutter_opens_ && !v_.moment.later)
+    if (v_.velocity_grid != "none" && !shutter_opens_ && !v_.time.given)
       note("velocity_grid is set but camera.shutter opens and closes at once: no motion blur");
     set_in_motion(medium, density, volume_->displacement);
     if (!medium.empty() && medium.extinction_per_density() > 0)

@@ -101,7 +101,7 @@ TEST_F(CryptomatteFrame, MattesAreWhatThingsCover) {
   EXPECT_EQ(at({"*o*"}, 0, "CryptoObject"), 0.375f);
   EXPECT_EQ(at({"lamp*"}, 1), 0.0625f);
   EXPECT_EQ(at({"ball"}, 0, "CryptoMaterial"), 0.5f);
-  EXPECT_EQ(at({"fog"}, 0), 0.25f) << "only one layer has it";
+  EXPECT_EQ(at({"fog"}, 0), 0.0f) << "only one layer has it, and no level left";
 }
 
 TEST_F(CryptomatteFrame, WhatIsNotThereIsNamed) {

@@ -18,7 +18,7 @@
 namespace brume {
 namespace {
 
-constexpr const char* kCamera = "[camera]\nposition = [0, 0, 0]\nlook_at = [0, 0, 1]\n";
+constexpr const char* kCamera = "[camera]\nposition = [0, 0, 0]\nlook_at = [0, 1, 0]\n";
 
 bool holds(const std::string& text, const std::string& part) {
   return text.find(part) != std::string::npos;
@@ -141,7 +141,7 @@ TEST(VolumeTime, WrongTablesAreRefused) {
   };
   expect("time = 3\n", "is an integer");
   expect("time = {speed = 2}\n", "unknown key 'speed' in 'time' of [[volumes]]");
-  expect("time = {beyond = \"lop\"}\n", "'beyond' cannot be 'lop', did you mean 'loop'");
+  expect("time = {beyond = \"lop\"}\n", "'beyond' cannot be 'lop'; did you mean 'loop'");
   expect("time = {frame = [[1, 1]]}\n", "'frame' has one row");
   expect("time = {frame = [[1, 1], [1, 2]]}\n", "'frame' does not rise");
   expect("time = {frame = [[1, 1], [2, 2]], fps = 12}\n", "'fps' stands beside 'frame'");
@@ -246,7 +246,7 @@ TEST(VolumeTime, MotionBlurFollowsTheVolumesOwnSpeed) {
     return d ? std::pair(d->open, d->close) : std::pair(-9.0, -9.0);
   };
   EXPECT_EQ(displacement("frame = [[1, 1], [3, 2]]"), std::pair(0.0, 0.5));
-  EXPECT_EQ(displacement("frame = [[1, 1.25], [4, 1.75]]").second, 0.5 / 3) << "between frames, too";
+  EXPECT_NEAR(displacement("frame = [[1, 1.25], [4, 1.75]]").second, 0.5 / 3, 1e-12) << "between frames, too";
   EXPECT_EQ(displacement("frame = [[1, 2], [3, 1]]"), std::pair(-0.0, -0.5)) << "backwards";
   EXPECT_EQ(displacement("offset = 9, beyond = \"hold\""), std::pair(-9.0, -9.0)) << "held: nothing moves";
   // The ball moves by 0.4 a frame of the volume: by 0.1 from 1.25 to 1.5.

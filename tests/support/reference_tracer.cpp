@@ -66,6 +66,7 @@ class Tracer {
   void meet_isosurface() {
     double nearest = kFar;
     for (const Medium& m : media_) {
+      if (m.holdout()) continue;
       const Ray local = m.to_local(ray_);
       const auto t = find_isosurface(m, local, static_cast<float>(scene_.isosurface_density * m.maximum_density()));
       if (!t || !(*t < nearest)) continue;

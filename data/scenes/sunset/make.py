@@ -62,18 +62,18 @@ def clouds(count=300):
     rng = random.Random(49)
     places = []
     while len(places) < count:
-        y = 3 + 52 * rng.random() ** 0.75
+        y = 4 + 56 * rng.random() ** 0.8
         x = (2 * rng.random() - 1) * (3 + 0.7 * y)
         # Denser in streets that run away from the eye.
         if rng.random() > 0.25 + 0.75 * noise(x / 5, y / 12, "streets"):
             continue
-        size = 0.16 + 0.38 * rng.random() ** 2
-        if any(math.hypot(x - a, y - b) < 1.25 * (size + s) for a, b, s in places):
+        size = 0.22 + 0.5 * rng.random() ** 2
+        if any(math.hypot(x - a, y - b) < 1.15 * (size + s) for a, b, s in places):
             continue
         places.append((x, y, size))
     lines = ["x,y,z,orient_x,orient_y,orient_z,orient_w,pscale,density"]
     for x, y, size in places:
-        turn, flat = math.pi * rng.random(), 1.25 + 0.12 * rng.random()
+        turn, flat = math.pi * rng.random(), 1.45 + 0.12 * rng.random()
         lines.append(
             f"{x:.3f},{y:.3f},{flat:.3f},0,0,{math.sin(turn):.4f},{math.cos(turn):.4f},{size:.3f},{0.7 + 0.6 * rng.random():.2f}"
         )
