@@ -341,7 +341,7 @@ Scene neighbour(const Setup& s, int by) {
   const int frame = s.scene.render.frame + by;
   if (frame < 0) return s.scene;
   RenderOptions options = s.options;
-  if (!options.sequence.empty()) options.scene = options.sequence;
+  if (!options.sequence.empty()) options.scene = file_of_frame(options.sequence, frame);
   options.save_scene.clear();
   options.overrides.push_back(fmt::format("render.frame={}", frame));
   try {

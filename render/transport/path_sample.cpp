@@ -14,8 +14,9 @@ namespace brume {
 
 namespace {
 
-constexpr const char *kGuides = "guides", *kDepths = "depths", *kMotion = "motion", *kLightParts = "light_parts", *kMattes = "cryptomatte",
-                     *kMatteObjects = "cryptomatte_object", *kMatteMaterials = "cryptomatte_material";
+constexpr const char *kGuides = "guides", *kDepths = "depths", *kMotion = "motion", *kLightParts = "light_parts",
+                     *kMattes = "cryptomatte", *kMatteObjects = "cryptomatte_object",
+                     *kMatteMaterials = "cryptomatte_material";
 
 }
 

@@ -21,8 +21,8 @@ struct LayerPlace {
   HeightFalloff falloff{};  ///< local
 };
 
-/// Where shape = "layer" lies. Without lo and hi it ends: at the sides, twenty mean free paths of the air around the eye
-/// and the lamps away, but no more than 200 of its densest part; above, where a thousandth of its optical depth is
+/// Where shape = "layer" lies. Without lo and hi it ends: at the sides, twenty mean free paths of the air around the
+/// eye and the lamps away, but no more than 200 of its densest part; above, where a thousandth of its optical depth is
 /// left, and above the eye and the lamps; below, ten mean free paths or two scale heights under its base, the eye and
 /// the lamps, whichever is less.
 /// @throws InputError  as everywhere_box

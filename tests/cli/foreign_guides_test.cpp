@@ -186,17 +186,26 @@ TEST_F(ForeignGuides, ASceneOutOfBlenderIsOneThatBrumeReads) {
   ASSERT_EQ(std::system(command.c_str()), 0);
   ASSERT_TRUE(std::filesystem::exists(folder_ / "out.toml")) << test::read_file(folder_ / "log.txt");
   const std::string scene = test::read_file(folder_ / "out.toml");
-  for (const char* line :
-       {"position = [0, -7, 1.5]", "fov = 26.", "width = 64", "type = \"sun\"", "irradiance = [6, 6, 6]",
-        "type = \"point\"", "type = \"rectangle\"", "grid = \"density_noise\"", "sigma_s = [9, 9, 9]",
-        "sigma_a = [2.63603897",  // 9 (1 - sqrt(0.5)): Principled Volume's absorption colour
-        "index_offset = [0.5, 0.5, 0.5]",
-        "sigma_s = [3.75, 3.75, 3.75]",  // an attribute halved, times the 15 of a Value node
-        "intensity = [1.5915494, 1.5",   // 10 W times the 2 of the light's Emission node
-        "file = \"out_files/Cube_0.ply\"", "pixel_aspect = 2", "Fog_baked_",
-        "grid = \"baked_0\"",  // its density is that of a texture
-        "# Left out: Procedural: the volume is left out: no grid of its file drives its density",
-        "# Left out: Render border"})
+  for (const char* line : {"position = [0, -7, 1.5]",
+                           "fov = 26.",
+                           "width = 64",
+                           "type = \"sun\"",
+                           "irradiance = [6, 6, 6]",
+                           "type = \"point\"",
+                           "type = \"rectangle\"",
+                           "grid = \"density_noise\"",
+                           "sigma_s = [9, 9, 9]",
+                           "sigma_a = [2.63603897",  // 9 (1 - sqrt(0.5)): Principled Volume's absorption colour
+                           "index_offset = [0.5, 0.5, 0.5]",
+                           "sigma_s = [3.75, 3.75, 3.75]",  // an attribute halved, times the 15 of a Value node
+                           "intensity = [1.5915494, 1.5",   // 10 W times the 2 of the light's Emission node
+                           "file = \"out_files/Cube_0.ply\"",
+                           "pixel_aspect = 2",
+                           "Fog_001_baked_",  // of two objects that share a mesh, named by the first in Blender's order
+                           "grid = \"baked_0\"",  // its density is that of a texture
+                           "[[instances]]\nvolume = 2\nfile = \"out_files/places.ply\"",
+                           "# Left out: Procedural: the volume is left out: no grid of its file drives its density",
+                           "# Left out: Render border"})
     EXPECT_TRUE(holds(scene, line)) << line << "\n" << scene;
   EXPECT_FALSE(holds(scene, "Point: ")) << "nothing of it is left out";
   run("render " + path("out.toml") + " --spp 1 -q -o " + path("out.exr"));

@@ -456,11 +456,11 @@ test("the fields that a light's type uses come first, those fixed or unused unde
 
 test("a display's cube has the program's values at its nodes, and between them where it is linear", () => {
   const side = 5;
-  // 0, 1/4, 1/2, 1, 2: the display shows a quarter of red, half of green and blue less an eighth of red.
+  // 0, 1/4, 1/2, 1, 2: the display shows a quarter of red, half of green, a quarter of blue and an eighth of red.
   const edge = [0, 0.25, 0.5, 1, 2];
   const values: number[] = [];
   for (const b of edge)
-    for (const g of edge) for (const r of edge) values.push(r / 4, g / 2, Math.max(0, b / 2 - r / 8));
+    for (const g of edge) for (const r of edge) values.push(r / 4, g / 2, b / 4 + r / 8);
   const header = new TextEncoder().encode(JSON.stringify({ name: "sRGB, Filmic", side, lowest: -2, per_stop: 1 }));
   const bytes = new Uint8Array(4 + header.length + 2 * values.length);
   new DataView(bytes.buffer).setUint32(0, header.length, true);
@@ -478,7 +478,7 @@ test("a display's cube has the program's values at its nodes, and between them w
     return [...out];
   };
   const expected = (r: number, g: number, b: number) => [
-    ...[r / 4, g / 2, b / 2 - r / 8].map((v) => Math.round(255 * Math.min(1, Math.max(0, v)))),
+    ...[r / 4, g / 2, b / 4 + r / 8].map((v) => Math.round(255 * Math.min(1, Math.max(0, v)))),
     255,
   ];
   assert.deepEqual(shown([1, 0.5, 2]), expected(1, 0.5, 2));
