@@ -185,7 +185,7 @@ class Files(Folder):
     def test_arrays_have_the_bits_of_the_same_volume_in_a_file(self):
         keys = {"temperature": {"temperature_grid": "auto"}, "flame": {"flame_grid": "auto"},
                 "color": {"albedo_grid": "auto"}, "velocity": {"velocity_grid": "auto"}}
-        common = {"sigma_t": 3.0, "albedo": 0.9, "temperature_scale": 700.0, "blackbody_intensity": 4000.0}
+        common = {"name": "thing", "sigma_t": 3.0, "albedo": 0.9, "temperature_scale": 700.0, "blackbody_intensity": 4000.0}
         pictures = []
         for names, more, render in (
             ([], {}, {}),
@@ -221,7 +221,7 @@ class Meshes(Folder):
     faces = np.array([[0, 1, 4], [1, 2, 4], [2, 3, 4], [3, 0, 4]])
 
     def rendered(self, surface, **render):
-        return brume.render(scene(surfaces=[surface]), spp=2, layers="all", **render)
+        return brume.render(scene(surfaces=[{"name": "thing", **surface}]), spp=2, layers="all", **render)
 
     def test_arrays_have_the_bits_of_a_file(self):
         path = self.folder / "tent.ply"
