@@ -9,32 +9,19 @@
 #include "image/deep_picture.h"
 #include "image/exr_deep.h"
 #include "image/exr_io.h"
-#include "tests/support/files.h"
+#include "tests/support/command_folder.h"
 
 namespace brume {
 namespace {
 
+using test::holds;
 using test::run_brume;
 
 const std::string kTiny = " -D film.width=48 -D film.height=40 --spp 4 -q ";
 
-bool holds(const std::string& text, const std::string& part) {
-  return text.find(part) != std::string::npos;
-}
-
-class Deep : public ::testing::Test {
+class Deep : public test::CommandFolder {
  protected:
-  std::string path(const std::string& name) const { return (folder_ / name).string(); }
   std::string scene(const std::string& name) const { return test::source("bench/scenes/" + name + ".toml").string(); }
-  void run(const std::string& arguments) {
-    const auto r = run_brume(arguments);
-    ASSERT_EQ(r.status, 0) << arguments << "\n" << r.err;
-  }
-  std::string refused(const std::string& arguments) {
-    const auto r = run_brume(arguments);
-    EXPECT_EQ(r.status, 2) << arguments;
-    return r.err;
-  }
   void expect_alike(const Layers& a, const Layers& b, float most) {
     for (const char* name : {"R", "G", "B", "A"})
       for (int y = 0; y < a.height(); ++y)
@@ -42,7 +29,6 @@ class Deep : public ::testing::Test {
           ASSERT_NEAR(a.at(name)(x, y), b.at(name)(x, y), most * (1 + std::abs(a.at(name)(x, y))))
               << name << " " << x << " " << y;
   }
-  test::TemporaryFolder folder_;
 };
 
 TEST_F(Deep, FlattenedIsTheFrame) {

@@ -9,20 +9,17 @@
 
 #include "image/exr_io.h"
 #include "image/picture_io.h"
-#include "tests/support/files.h"
+#include "tests/support/command_folder.h"
 
 namespace brume {
 namespace {
 
+using test::holds;
 using test::run_brume;
 
 const std::string kTiny = " -D film.width=48 -D film.height=40 --spp 4 -q ";
 
-bool holds(const std::string& text, const std::string& part) {
-  return text.find(part) != std::string::npos;
-}
-
-class Matte : public ::testing::Test {
+class Matte : public test::CommandFolder {
  protected:
   Matte() {
     test::write_file(
@@ -35,20 +32,9 @@ class Matte : public ::testing::Test {
                     "[[surfaces]]\nfile = \"{1}\"\nmaterial_name = \"grass\"\n",
                     test::source("data/volumes/smoke.vdb").string(), test::source("data/meshes/floor.obj").string()));
   }
-  std::string path(const std::string& name) const { return (folder_ / name).string(); }
-  void run(const std::string& arguments) {
-    const auto r = run_brume(arguments);
-    ASSERT_EQ(r.status, 0) << arguments << "\n" << r.err;
-  }
-  std::string refused(const std::string& arguments) {
-    const auto r = run_brume(arguments);
-    EXPECT_EQ(r.status, 2) << arguments;
-    return r.err;
-  }
   void render(const std::string& arguments, const std::string& to) {
     run("render " + path("two.toml") + kTiny + arguments + " -o " + path(to));
   }
-  test::TemporaryFolder folder_;
 };
 
 TEST_F(Matte, AddUpToAlphaAndAreTheSameClean) {

@@ -6,7 +6,7 @@
 #include <cmath>
 
 #include "image/exr_io.h"
-#include "tests/support/files.h"
+#include "tests/support/command_folder.h"
 #include "tests/support/volumes.h"
 
 namespace brume {
@@ -17,9 +17,8 @@ using test::run_brume;
 constexpr double kWidth = 48, kHeight = 40;
 const std::string kTiny = " -D film.width=48 -D film.height=40 --spp 1 --layers motion -q ";
 
-class Motion : public ::testing::Test {
+class Motion : public test::CommandFolder {
  protected:
-  std::string path(const std::string& name) const { return (folder_ / name).string(); }
   Layers rendered(const std::string& arguments, std::string* said = nullptr) {
     const auto r = run_brume("render " + arguments + kTiny + "-o " + path("f.exr"));
     EXPECT_EQ(r.status, 0) << r.err;
@@ -37,7 +36,6 @@ class Motion : public ::testing::Test {
     const std::array<double, 4> found = at(frame, pixel);
     for (size_t i = 0; i < 4; ++i) EXPECT_NEAR(found[i], expected[i], tolerance) << "number " << i;
   }
-  test::TemporaryFolder folder_;
 };
 
 /// Looks along y, z up, from 5 away; a film whose half width is at tan = 0.5.
