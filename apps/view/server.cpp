@@ -387,9 +387,7 @@ Response Server::Implementation::file(std::string_view name, const std::optional
   if (name.empty()) return reply.give("text/html; charset=utf-8", kPage);
   if (name == "view.js") return reply.give("text/javascript; charset=utf-8", std::string(view_script));
   if (name == "view.css") return reply.give("text/css; charset=utf-8", std::string(view_style));
-  if (name == "display.cube")
-    return options_.display_cube.empty() ? reply.refuse(http::status::no_content, "")
-                                         : reply.give("application/octet-stream", options_.display_cube);
+  if (name == "display.cube") return reply.give("application/octet-stream", options_.display_cube);
   if (name == "frame.exr") return frame(look, std::move(reply));
   try {
     if (look && name == "command") return reply.give("text/plain; charset=utf-8", viewer_->command(*look));

@@ -33,7 +33,8 @@ using tcp = asio::ip::tcp;
 struct Running {
   web::Server server;
   std::string authority, secret;
-  Running() : server({test::source("data/scenes/cloud.toml"), {}, {}, "transport_regression"}, {}, {}) {
+  explicit Running(const web::ServerOptions& options = {})
+      : server({test::source("data/scenes/cloud.toml"), {}, {}, "transport_regression"}, options, {}) {
     const std::string address = server.address();
     const size_t slash = address.find('/', 7);
     authority = address.substr(7, slash - 7);
@@ -217,6 +218,17 @@ TEST(ViewServer, AnswersOnlyItsOwnPage) {
   for (const char* origin : {"http://example.com", "https://127.0.0.1", "null"})
     EXPECT_THROW(Page(r, origin), boost::system::system_error) << origin;
   EXPECT_NE(get(r, folder)["Content-Security-Policy"].find("default-src 'none'"), beast::string_view::npos);
+}
+
+TEST(ViewServer, GivesTheDisplayThatPicturesAreShownThrough) {
+  for (const std::string cube : {"", "a cube"}) {
+    web::ServerOptions options;
+    options.display_cube = cube;
+    const Running r(options);
+    const auto response = get(r, "/" + r.secret + "/display.cube");
+    EXPECT_EQ(response.result_int(), 200u);
+    EXPECT_EQ(response.body(), cube);
+  }
 }
 
 // A page that reads nothing: the server keeps the newest picture for it and answers others in turn.

@@ -92,7 +92,9 @@ export class Viewer {
     const answer = await fetch(new URL("display.cube", location.href), { cache: "no-store" }).catch(() => undefined);
     if (answer?.status !== 200) return;
     try {
-      this.screen = DisplayCube.decode(await answer.arrayBuffer());
+      const bytes = await answer.arrayBuffer();
+      if (bytes.byteLength === 0) return; // the page's own curves do
+      this.screen = DisplayCube.decode(bytes);
       this.changed.emit();
     } catch (problem) {
       this.say(`pictures are shown in sRGB: ${problem instanceof Error ? problem.message : String(problem)}`);
