@@ -86,4 +86,14 @@ std::optional<dmat3> rec709_from(const Chromaticities& space, const std::string&
   return glm::inverse(to) * glm::inverse(bradford) * scaled * bradford * from;
 }
 
+WorkingSpace::WorkingSpace(const std::string& name) {
+  if (const std::optional<Chromaticities> known = space_of_name(name)) chromaticities = *known;
+  to_rec709 = rec709_from(chromaticities, name);
+  if (to_rec709) from_rec709 = glm::inverse(*to_rec709);
+}
+
+dvec3 WorkingSpace::of_rec709(const dvec3& colour) const {
+  return from_rec709 ? glm::max(*from_rec709 * colour, dvec3(0)) : colour;
+}
+
 }  // namespace brume

@@ -29,4 +29,20 @@ std::optional<Chromaticities> space_of_name(std::string name);
 /// Source: SMPTE RP 177-1993; Lam 1985 in Lindbloom's form of the Bradford matrix.
 std::optional<dmat3> rec709_from(const Chromaticities& space, const std::string& where);
 
+/// The linear RGB whose numbers a scene's colours are, and its frames: [film] color_space.
+struct WorkingSpace {
+  Chromaticities chromaticities = kRec709;
+  std::optional<dmat3> to_rec709 = {}, from_rec709 = {};  ///< nothing where the space is Rec. 709
+
+  WorkingSpace() = default;
+  /// @param name  one of kWorkingSpaces
+  explicit WorkingSpace(const std::string& name);
+  /// A colour of linear Rec. 709 in this space; what lies outside of it is 0 in a channel.
+  dvec3 of_rec709(const dvec3& colour) const;
+};
+
+/// Names that OpenImageIO and the Color Interop Forum give to them.
+inline constexpr std::array kWorkingSpaces = {"lin_rec709",   "lin_rec2020", "lin_p3d65",
+                                              "lin_adobergb", "acescg",      "aces2065-1"};
+
 }  // namespace brume

@@ -185,10 +185,10 @@ Layers read_any_picture(const fs::path& path) {
   return read_colors(path, {}, ignored);
 }
 
-UsablePicture read_usable_picture(const fs::path& path, const Task& task) {
+UsablePicture read_usable_picture(const fs::path& path, const WorkingSpace& space, const Task& task) {
   UsablePicture picture;
   picture.layers = read_colors(path, task, picture.notes);
-  const std::vector<std::string> repaired = repair_colors(picture.layers, path.string());
+  const std::vector<std::string> repaired = repair_colors(picture.layers, path.string(), space);
   picture.notes.insert(picture.notes.end(), repaired.begin(), repaired.end());
   return picture;
 }

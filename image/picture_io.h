@@ -6,6 +6,7 @@
 #include <vector>
 
 #include "base/progress.h"
+#include "image/color_space.h"
 #include "image/display.h"
 #include "image/layers.h"
 
@@ -44,11 +45,12 @@ Layers read_any_picture(const std::filesystem::path& path);
 
 /// A picture that lights or colours a scene, and what had to be done to it.
 struct UsablePicture {
-  Layers layers;  ///< layer::beauty in linear Rec. 709, every value finite and not negative (repair_colors)
+  Layers layers;  ///< layer::beauty in the scene's space, every value finite and not negative (repair_colors)
   std::vector<std::string> notes;
 };
 
 /// @throws InputError; Interrupted
-UsablePicture read_usable_picture(const std::filesystem::path& path, const Task& task = {});
+UsablePicture read_usable_picture(const std::filesystem::path& path, const WorkingSpace& space = {},
+                                  const Task& task = {});
 
 }  // namespace brume

@@ -15,7 +15,7 @@ std::string counted(size_t count, const char* what) {
   return fmt::format("{} {} value{}", count, what, count == 1 ? "" : "s");
 }
 
-/// Of pixels that are Rec. 709 now.
+/// Of pixels that are in another space now.
 void forget_space(Layers& picture) {
   for (const char* key : {"chromaticities", "acesImageContainerFlag", "colorInteropID", "oiio:ColorSpace"})
     picture.header.erase(key);
@@ -36,10 +36,14 @@ size_t clip_negatives(const std::array<Plane*, 3>& rgb) {
 
 }  // namespace
 
-std::vector<std::string> repair_colors(Layers& picture, const std::string& name) {
+std::vector<std::string> repair_colors(Layers& picture, const std::string& name, const WorkingSpace& space) {
   const std::array<Plane*, 3> rgb = picture.add_rgb(layer::beauty);
-  const std::optional<Chromaticities> space = picture.chromaticities();
-  const std::optional<dmat3> to_rec709 = space ? rec709_from(*space, name) : std::nullopt;
+  const std::optional<Chromaticities> own = picture.chromaticities();
+  std::optional<dmat3> conversion = own ? rec709_from(*own, name) : std::nullopt;
+  if (own && name_of(*own) == name_of(space.chromaticities))
+    conversion.reset();
+  else if (space.from_rec709)
+    conversion = *space.from_rec709 * conversion.value_or(dmat3(1));
   size_t nans = 0, infinite = 0, negative = 0;
   float largest = 0;
   for (const Plane* plane : rgb)
@@ -54,11 +58,11 @@ std::vector<std::string> repair_colors(Layers& picture, const std::string& name)
         v = v > 0 ? largest : 0.0f;  // false for NaN too
       }
   size_t outside = 0;
-  if (to_rec709) {
+  if (conversion) {
     constexpr double kMost = std::numeric_limits<float>::max();
     for (int y = 0; y < picture.height(); ++y)
       for (int x = 0; x < picture.width(); ++x) {
-        const dvec3 v = *to_rec709 * dvec3((*rgb[0])(x, y), (*rgb[1])(x, y), (*rgb[2])(x, y));
+        const dvec3 v = *conversion * dvec3((*rgb[0])(x, y), (*rgb[1])(x, y), (*rgb[2])(x, y));
         // What rounding made a little negative is no colour outside.
         const double rounding = 1e-6 * max_component(glm::abs(v));
         for (int c = 0; c < 3; ++c)
@@ -76,12 +80,12 @@ std::vector<std::string> repair_colors(Layers& picture, const std::string& name)
   if (infinite)
     notes.push_back(
         fmt::format("{}: {} became the largest finite one, {:g}", name, counted(infinite, "infinite"), largest));
-  if (to_rec709) {
+  if (conversion && (own || outside))
     notes.push_back(
-        fmt::format("{}: its colours are {}: converted to linear Rec. 709, white to white{}", name, name_of(*space),
+        fmt::format("{}: its colours are {}: converted to linear {}, white to white{}", name,
+                    name_of(own.value_or(kRec709)), name_of(space.chromaticities),
                     outside ? fmt::format("; {} outside of it became 0", counted(outside, "negative")) : ""));
-    forget_space(picture);
-  }
+  forget_space(picture);
   return notes;
 }
 

@@ -79,11 +79,13 @@ dvec3 blackbody(double kelvin) {
   return kelvin >= 500 ? glm::max(unclipped_blackbody(kelvin), dvec3(0)) : dvec3(0);
 }
 
-EmissionRamp EmissionRamp::of_blackbody(double offset, double scale, double highest, double intensity, bool planck) {
+EmissionRamp EmissionRamp::of_blackbody(double offset, double scale, double highest, double intensity, bool planck,
+                                        const std::optional<dmat3>& from_rec709) {
   static const double reference = luminance(blackbody(6500));
   const auto black_body = [&](double kelvin) {
-    dvec3 colour = blackbody(kelvin);
-    const double y = kelvin >= 500 ? luminance(unclipped_blackbody(kelvin)) : 0.0;
+    const dvec3 rec709 = kelvin >= 500 ? unclipped_blackbody(kelvin) : dvec3(0);
+    const double y = luminance(rec709);
+    dvec3 colour = glm::max(from_rec709 ? *from_rec709 * rec709 : rec709, dvec3(0));
     if (!planck && y > 0) colour *= 5.670374419e-8 * 1e-6 / kPi * kelvin * kelvin * kelvin * kelvin * reference / y;
     return colour * (intensity / reference);
   };

@@ -1,6 +1,7 @@
 #pragma once
 #include <bit>
 #include <cstdint>
+#include <optional>
 #include <utility>
 #include <vector>
 
@@ -32,7 +33,9 @@ class EmissionRamp {
   /// of 0 is no gas and emits nothing.
   /// @param planck  luminance 1 at 6500 K, and every other temperature in its visible proportion to that; otherwise
   ///                Blender's: luminance sigma T^4 1e-6 / pi in the black body's colour
-  static EmissionRamp of_blackbody(double offset, double scale, double highest, double intensity, bool planck);
+  /// @param from_rec709  to the space that the colours are wanted in; none: they stay in Rec. 709
+  static EmissionRamp of_blackbody(double offset, double scale, double highest, double intensity, bool planck,
+                                   const std::optional<dmat3>& from_rec709 = {});
   /// @param stops  in increasing order of value, at least one
   static EmissionRamp of_colours(const std::vector<std::pair<double, dvec3>>& stops, double intensity);
 

@@ -119,6 +119,7 @@ GuideFrame guide_frame(const Scene& scene, const GuideOptions& o, const Host& ho
     throw InputError(
         fmt::format("{}: nothing in it scatters or glows", o.scene ? o.scene->path.string() : o.volume.string()));
   frame.header["scene"] = scene.name;
+  describe_colors(frame, scene.film);
   frame.header["guidesOf"] = fs::path(o.like.name).filename().string();
   frame.header["guidesFingerprint"] = scene.hash;
   if (const std::string hash = own_hash(o); !hash.empty()) frame.header["sceneHash"] = hash;

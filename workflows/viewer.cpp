@@ -13,6 +13,7 @@
 #include "base/sequence.h"
 #include "image/guide_names.h"
 #include "image/packed_half.h"
+#include "image/usable_colors.h"
 #include "render/scene/scene_io.h"
 #include "volume/tracking.h"
 #include "workflows/scene.h"
@@ -746,8 +747,12 @@ void Viewer::show(const ViewLook& look, const ViewPicture& about, const Layers& 
     picture.width = frame.width();
     picture.height = frame.height();
     picture.channels = static_cast<int>(sets[0].size());
-    for (size_t c = 0; c < sets[0].size(); ++c) {
-      const std::vector<uint16_t> halves = half_bits(sum_of(frame, sets, c));
+    Layers shown(frame.width(), frame.height());
+    describe_colors(shown, scene_.prepared().scene().film);
+    for (size_t c = 0; c < sets[0].size(); ++c) shown.set(sets[0][c], sum_of(frame, sets, c));
+    convert_to_rec709(shown, layer);
+    for (const std::string& channel : sets[0]) {
+      const std::vector<uint16_t> halves = half_bits(shown.at(channel));
       picture.halves.insert(picture.halves.end(), halves.begin(), halves.end());
     }
     listener_.picture(std::move(picture));

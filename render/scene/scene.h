@@ -45,6 +45,7 @@ struct CameraSettings {
 struct FilmSettings {
   int width = 400, height = 400;
   double exposure = 1.0;
+  std::string color_space = "lin_rec709";  ///< of every colour in the scene and of its frames: WorkingSpace
 };
 
 /// Where a volume of arrays lies; a file says it of its own grids.

@@ -1,6 +1,7 @@
 #pragma once
 #include <limits>
 
+#include "image/color_space.h"
 #include "render/scene/scene.h"
 
 namespace brume {
@@ -66,6 +67,11 @@ void describe(Visitor& v, FilmSettings& f) {
      "factor from radiance to display, 1 being white; written into the header, where the filters and metrics find it",
      1e-12, 1e12},
     f.exposure);
+  v({.key = "color_space",
+     .help =
+         "linear RGB of the scene's colours and of its frames, whose chromaticities say so; pictures, black bodies and skies are converted to it",
+     .choices = {kWorkingSpaces.begin(), kWorkingSpaces.end()}},
+    f.color_space);
 }
 
 template <class Visitor>

@@ -119,7 +119,9 @@ struct RenderJob {
   std::function<void(Layers&)> stamp;
 };
 
-/// Writes into a header what tells this render from others: scene, seed, frame, layers, program.
+/// Writes into a header which space a frame's colours are of, where that is not Rec. 709.
+void describe_colors(Layers& frame, const FilmSettings& film);
+/// Writes into a header what tells this render from others: scene, seed, frame, colours, layers, program.
 void describe_render(Layers& frame, const Scene& scene, const LayerRequest& layers, const RenderJob& job);
 
 }  // namespace brume

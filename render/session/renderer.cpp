@@ -20,7 +20,8 @@ PreparedScene::PreparedScene(Scene scene, const LayerRequest& layers, const Task
   bool catcher = false;
   if (!scene_.surfaces.empty()) {
     const bool blurred = scene_.camera.shutter.y > scene_.camera.shutter.x;
-    surfaces_ = std::make_unique<Surfaces>(scene_.surfaces, media_.world_shift(), blurred);
+    surfaces_ = std::make_unique<Surfaces>(scene_.surfaces, media_.world_shift(), blurred,
+                                           WorkingSpace(scene_.film.color_space));
     for (uint32_t i = 0; i < surfaces_->count(); ++i) {
       const SurfaceSettings& s = scene_.surfaces[i];
       if (s.radiance != dvec3(0))

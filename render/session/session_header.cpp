@@ -128,6 +128,11 @@ void RenderSession::describe(Layers& frame, const RenderReport& report, int firs
   header["worldToNDC"] = camera_.world_to_ndc();
 }
 
+void describe_colors(Layers& frame, const FilmSettings& film) {
+  const WorkingSpace space(film.color_space);
+  if (space.from_rec709) frame.header["chromaticities"] = space.chromaticities;
+}
+
 void describe_render(Layers& frame, const Scene& scene, const LayerRequest& layers, const RenderJob& job) {
   auto& header = frame.header;
   header["scene"] = scene.name;
@@ -135,6 +140,7 @@ void describe_render(Layers& frame, const Scene& scene, const LayerRequest& laye
   header["sceneSettings"] = scene.settings;
   header["seed"] = std::to_string(job.seed);
   header["frame"] = scene.render.frame;
+  describe_colors(frame, scene.film);
   LayerRequest recorded = layers;
   recorded.light_groups = light_groups_of(scene).names;
   recorded.light_parts = recorded.light_parts && !recorded.light_groups.empty();

@@ -92,7 +92,7 @@ AtmosphereSky::AtmosphereSky(const Scene& scene, const Task& task) {
     mean += wide * light.transmittance(begin(d), d);
     whole += wide;
   }
-  sun_.irradiance = kKilolux * s.radiance * mean / whole;
+  sun_.irradiance = kKilolux * s.radiance * WorkingSpace(scene.film.color_space).of_rec709(mean) / whole;
 }
 
 std::vector<VolumeSettings> air_of(const Scene& scene) {

@@ -15,11 +15,11 @@ class AtmosphereSky {
   /// @throws InputError  where the camera is taken from an EXR that has none
   AtmosphereSky(const Scene& scene, const Task& task);
 
-  /// Of the kind EnvironmentSettings::file takes, luminance in kcd/m^2; below the horizon the ground, with the air in
+  /// A lat-long picture in linear Rec. 709, luminance in kcd/m^2; below the horizon the ground, with the air in
   /// front of it.
   const Layers& picture() const { return picture_; }
-  /// Illuminance in klux times the scene's radiance, black where it is below the horizon; its disc is even, of the mean
-  /// colour that the air leaves of it.
+  /// Illuminance in klux times the scene's radiance, in the scene's space, black where it is below the horizon; its
+  /// disc is even, of the mean colour that the air leaves of it.
   const LightSettings& sun() const { return sun_; }
 
  private:

@@ -9,19 +9,28 @@
 #include "base/error.h"
 #include "image/cube_map.h"
 #include "image/picture_io.h"
+#include "image/usable_colors.h"
 #include "render/world/sky.h"
 
 namespace brume {
+namespace {
 
-Environment::Environment(const EnvironmentSettings& s, const Task& task)
+Layers in_space(Layers sky, const WorkingSpace& space) {
+  if (space.from_rec709) convert_colors(sky, *space.from_rec709, [](const std::string&) { return true; });
+  return sky;
+}
+
+}  // namespace
+
+Environment::Environment(const EnvironmentSettings& s, const WorkingSpace& space, const Task& task)
     : InfiniteLight(s.visible_to_camera), radiance_(s.radiance), mean_(s.radiance) {
   if (s.sky == "preetham") {
-    set_picture(preetham_sky(s), s);
+    set_picture(in_space(preetham_sky(s), space), s);
     return;
   }
   if (s.file.empty()) return;
   const std::string name = s.file.string();
-  UsablePicture read = read_usable_picture(s.file, task);
+  UsablePicture read = read_usable_picture(s.file, space, task);
   notes_ = std::move(read.notes);
   Layers picture = std::move(read.layers);
   if (is_cube_map(picture)) {
@@ -36,9 +45,9 @@ Environment::Environment(const EnvironmentSettings& s, const Task& task)
   set_picture(picture, s);
 }
 
-Environment::Environment(const EnvironmentSettings& s, const Layers& sky)
+Environment::Environment(const EnvironmentSettings& s, Layers sky, const WorkingSpace& space)
     : InfiniteLight(s.visible_to_camera), radiance_(s.radiance), mean_(s.radiance) {
-  set_picture(sky, s);
+  set_picture(in_space(std::move(sky), space), s);
 }
 
 void Environment::set_picture(const Layers& picture, const EnvironmentSettings& s) {

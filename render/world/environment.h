@@ -2,6 +2,7 @@
 #include <string>
 #include <vector>
 
+#include "image/color_space.h"
 #include "image/layers.h"
 #include "render/world/light.h"
 
@@ -13,10 +14,11 @@ class Environment : public InfiniteLight {
  public:
   Environment() : InfiniteLight(true) {}
   /// Values that are not usable are repaired and told in notes() (image/usable_colors.h).
+  /// @param space  of the settings' radiance
   /// @throws InputError: unreadable file, no RGB in it, chromaticities that are none
-  explicit Environment(const EnvironmentSettings& settings, const Task& task = {});
-  /// Of a sky that is a picture already.
-  Environment(const EnvironmentSettings& settings, const Layers& sky);
+  explicit Environment(const EnvironmentSettings& settings, const WorkingSpace& space = {}, const Task& task = {});
+  /// Of a sky that is a picture already, in linear Rec. 709.
+  Environment(const EnvironmentSettings& settings, Layers sky, const WorkingSpace& space);
 
   bool black() const { return picture_.empty() && radiance_ == dvec3(0); }
   bool constant() const { return picture_.empty(); }

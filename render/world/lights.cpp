@@ -104,19 +104,20 @@ Lights::Lights(const Scene& scene, const dvec3& world_shift, const Task& task) :
   EnvironmentSettings around = scene.environment;
   around.radiance *= from_infinity;
   std::vector<LightSettings> settings = scene.lights;
+  const WorkingSpace space(scene.film.color_space);
   std::unique_ptr<Environment> environment;
   if (around.sky == "atmosphere") {
     const AtmosphereSky sky(scene, task);
-    environment = std::make_unique<Environment>(around, sky.picture());
+    environment = std::make_unique<Environment>(around, sky.picture(), space);
     if (around.sky_sun && max_component(sky.sun().irradiance) > 0) settings.push_back(sky.sun());
   } else {
-    environment = std::make_unique<Environment>(around, task);
+    environment = std::make_unique<Environment>(around, space, task);
   }
   environment_ = environment.get();
   if (!environment->black()) infinite_.push_back(environment_);
   all_.push_back(std::move(environment));
   if (scene.environment.sky == "preetham" && scene.environment.sky_sun)
-    settings.push_back(preetham_sun(scene.environment));
+    settings.push_back(preetham_sun(scene.environment, space));
   all_.back()->group = groups_.environment;
   for (size_t i = 0; i < settings.size(); ++i) {
     LightSettings& s = settings[i];

@@ -424,8 +424,9 @@ class SceneMedia::Loader {
       return;
     }
     if (kelvin > 20000) note(range + ": hotter than any fire");
-    const EmissionRamp ramp = EmissionRamp::of_blackbody(v_.temperature_offset, v_.temperature_scale, highest,
-                                                         v_.blackbody_intensity, v_.blackbody_law == "planck");
+    const EmissionRamp ramp =
+        EmissionRamp::of_blackbody(v_.temperature_offset, v_.temperature_scale, highest, v_.blackbody_intensity,
+                                   v_.blackbody_law == "planck", WorkingSpace(scene_.film.color_space).from_rec709);
     add_emission(temperature, volume_->temperature_displacement, ramp);
     note_faint_fire(luminance(ramp(highest)));
   }

@@ -97,7 +97,7 @@ Layers preetham_sky(const EnvironmentSettings& s) {
   return picture;
 }
 
-LightSettings preetham_sun(const EnvironmentSettings& s) {
+LightSettings preetham_sun(const EnvironmentSettings& s, const WorkingSpace& space) {
   const dvec3 up = glm::normalize(s.up);
   const double theta = sun_zenith_angle(s.sun_direction, up), degrees = theta * 180.0 / kPi;
   const double mass = 1.0 / (std::cos(theta) + 0.15 * std::pow(93.885 - degrees, -1.253));
@@ -107,13 +107,15 @@ LightSettings preetham_sun(const EnvironmentSettings& s) {
   sun.type = "sun";
   sun.direction = s.sun_direction;
   sun.visible_to_camera = s.visible_to_camera;
+  dvec3 left;
   for (int c = 0; c < 3; ++c) {
     const double um = kMicrometres[c];
     const double rayleigh = std::exp(-0.008735 * std::pow(um, -4.08) * mass);
     const double aerosol = std::exp(-beta * std::pow(um, -1.3) * mass);
     const double ozone = std::exp(-kOzone[c] * 0.35 * mass);
-    sun.irradiance[c] = 128.0 * rayleigh * aerosol * ozone * s.radiance[c];  // 128 klux before the atmosphere
+    left[c] = rayleigh * aerosol * ozone;
   }
+  sun.irradiance = 128.0 * space.of_rec709(left) * s.radiance;  // 128 klux before the atmosphere
   return sun;
 }
 

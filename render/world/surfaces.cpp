@@ -21,14 +21,14 @@
 
 namespace brume {
 
-/// A picture wrapped around, bilinear, linear Rec. 709.
+/// A picture wrapped around, bilinear, in the scene's space.
 struct Surfaces::Texture {
   int width = 0, height = 0;
   std::vector<vec3> texels;
 
   /// @param notes  what had to be done to it is added there
-  Texture(const std::filesystem::path& path, std::vector<std::string>& notes) {
-    UsablePicture picture = read_usable_picture(path);
+  Texture(const std::filesystem::path& path, const WorkingSpace& space, std::vector<std::string>& notes) {
+    UsablePicture picture = read_usable_picture(path, space);
     width = picture.layers.width();
     height = picture.layers.height();
     const auto rgb = picture.layers.rgb(layer::beauty);
@@ -197,12 +197,13 @@ struct Surfaces::Query {
   double begin;  // of the ray in the box, in its units
 };
 
-Surfaces::Surfaces(const std::vector<SurfaceSettings>& settings, const dvec3& world_shift, bool blurred)
+Surfaces::Surfaces(const std::vector<SurfaceSettings>& settings, const dvec3& world_shift, bool blurred,
+                   const WorkingSpace& space)
     : settings_(settings), embree_(std::make_unique<Embree>()) {
   dvec3 lo(std::numeric_limits<double>::infinity()), hi = -lo;
   meshes_.reserve(settings_.size());  // cut-outs point at them
   for (const SurfaceSettings& s : settings_) {
-    add_mesh(s, world_shift, blurred);
+    add_mesh(s, world_shift, blurred, space);
     const TriangleMesh& mesh = meshes_.back();
     for (const dmat4& moved : {dmat4(1.0), mesh.motion}) {
       if (moved == dmat4(0.0)) continue;
@@ -224,7 +225,7 @@ Surfaces::Surfaces(const std::vector<SurfaceSettings>& settings, const dvec3& wo
   run_on_threads(1, [&] { rtcCommitScene(embree_->scene); });
 }
 
-void Surfaces::add_mesh(const SurfaceSettings& s, const dvec3& world_shift, bool blurred) {
+void Surfaces::add_mesh(const SurfaceSettings& s, const dvec3& world_shift, bool blurred, const WorkingSpace& space) {
   check_transform(s.object_to_world, "a surface's object_to_world");
   any_straight_ = any_straight_ || s.shadow == "straight";
   bsdfs_.push_back({s.material == "conductor"    ? Bsdf::Kind::kConductor
@@ -247,7 +248,8 @@ void Surfaces::add_mesh(const SurfaceSettings& s, const dvec3& world_shift, bool
     if (glm::determinant(dmat3(mesh.motion)) < 0)
       throw InputError(fmt::format("{}: object_to_world_end turns it inside out; expected a motion", name));
   }
-  textures_.push_back(s.albedo_texture.empty() ? nullptr : std::make_unique<Texture>(s.albedo_texture, mesh.notes));
+  textures_.push_back(s.albedo_texture.empty() ? nullptr
+                                               : std::make_unique<Texture>(s.albedo_texture, space, mesh.notes));
   if (textures_.back() && mesh.texcoords.empty())
     throw InputError(fmt::format("{}: has no texture coordinates for {}", name, s.albedo_texture.string()));
   bsdfs_.back().passed = s.translucence;
@@ -257,7 +259,7 @@ void Surfaces::add_mesh(const SurfaceSettings& s, const dvec3& world_shift, bool
     if (path->empty()) continue;
     if (mesh.texcoords.empty())
       throw InputError(fmt::format("{}: has no texture coordinates for {}", name, path->string()));
-    *texture = std::make_unique<Texture>(*path, mesh.notes);
+    *texture = std::make_unique<Texture>(*path, texture == &own.glow ? space : WorkingSpace(), mesh.notes);
   }
 }
 

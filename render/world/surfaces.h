@@ -6,6 +6,7 @@
 #include <utility>
 #include <vector>
 
+#include "image/color_space.h"
 #include "render/scene/scene.h"
 #include "render/world/bsdf.h"
 #include "render/world/light_kinds.h"
@@ -36,7 +37,8 @@ class Surfaces {
 
   /// @param blurred  whether the shutter is open for a while: surfaces that move stand where they start otherwise
   /// @throws InputError: meshes and textures that cannot be read, transforms that are no motion
-  Surfaces(const std::vector<SurfaceSettings>& settings, const dvec3& world_shift, bool blurred = false);
+  Surfaces(const std::vector<SurfaceSettings>& settings, const dvec3& world_shift, bool blurred = false,
+           const WorkingSpace& space = {});
   ~Surfaces();
 
   /// Cut-outs are met or passed by a number that follows from the ray alone.
@@ -81,7 +83,7 @@ class Surfaces {
   struct Query;
   /// A ray as Embree sees it; nothing where it misses the box of the meshes.
   std::optional<Query> query(const Ray& ray, double t_max, double time) const;
-  void add_mesh(const SurfaceSettings& settings, const dvec3& world_shift, bool blurred);
+  void add_mesh(const SurfaceSettings& settings, const dvec3& world_shift, bool blurred, const WorkingSpace& space);
 
   std::vector<SurfaceSettings> settings_;
   std::vector<Bsdf> bsdfs_;                                                 // without textures
