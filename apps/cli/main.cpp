@@ -1,5 +1,4 @@
 #include <fmt/format.h>
-#include <malloc.h>
 
 #include <CLI/CLI.hpp>
 #include <algorithm>
@@ -10,6 +9,7 @@
 #include "apps/cli/arguments.h"
 #include "apps/cli/command.h"
 #include "base/error.h"
+#include "base/peak_memory.h"
 #include "base/text.h"
 #include "image/exr_io.h"
 #include "workflows/version.h"
@@ -128,9 +128,7 @@ int run(int argc, char** argv) {
 }  // namespace brume::app
 
 int main(int argc, char** argv) {
-  // Filters make and drop many planes of megabytes: keep them, where the system would clear fresh pages for each.
-  mallopt(M_MMAP_THRESHOLD, 32 << 20);
-  mallopt(M_TRIM_THRESHOLD, 1 << 30);
+  brume::keep_freed_memory();
   brume::app::open_streams();
   return brume::app::close_output(brume::app::run(argc, argv));
 }
