@@ -16,7 +16,8 @@ constexpr int kMostBounces = 2;        // of a ray off the outside of metals and
 constexpr int kMostFaces = 8;          // of glass, crossed or met from within
 constexpr double kLeastWeight = 0.02;  // of a branch at a glass face; the other one has its light
 constexpr int kLobeRays = 16;          // of a rough surface, seen by a camera ray
-constexpr int kLightsAcross = 8;       // rays along a side of a pixel that look for small lights in smooth surfaces
+constexpr int kSquares = 4;            // along a side of a pixel, in which small lights are looked for
+constexpr int kSquareRays = 2;         // that look for them along a side of each
 // Around where a corner's ray ends, over how far the other corners' end from there; where not all come there [rad].
 constexpr double kSpread = 1.5, kUnknownSpread = 0.5;
 constexpr double kFainter = 4;  // the corners' rays follow branches of so many times less weight
@@ -121,15 +122,25 @@ void MirroredRays::follow_smooth(const ShadedPoint& at, const SurfaceHit& hit, c
 }
 
 void MirroredRays::show_lights(const CameraSample& camera, uint32_t surface, Path path) {
-  const Surfaces& surfaces = *march_.context_.surfaces;
-  if (!may_show_lights(ivec2(glm::floor(camera.film)))) return;
-  const int across = std::max(1, static_cast<int>(std::lround(kLightsAcross * camera.cell)));
+  const int across = static_cast<int>(std::lround(kSquares * camera.cell));
   path.shown = Shown::kAll;
-  path.throughput = dvec3(1.0 / (across * across));
-  for (int i = 0; i < across * across; ++i) {
-    const dvec2 off = (dvec2(i % across, i / across) + 0.5) / static_cast<double>(across) - 0.5;
+  path.throughput = dvec3(1.0 / (kSquareRays * kSquareRays * across * across));
+  show_lights({ivec2(glm::round(static_cast<double>(kSquares) * (camera.film - 0.5 * camera.cell))), across}, camera,
+              surface, path);
+}
+
+void MirroredRays::show_lights(const Square& square, const CameraSample& camera, uint32_t surface, const Path& path) {
+  if (!may_show_lights(square)) return;
+  if (square.side > 1) {
+    const int half = square.side / 2;
+    for (int i = 0; i < 4; ++i) show_lights({square.first + half * ivec2(i % 2, i / 2), half}, camera, surface, path);
+    return;
+  }
+  const Surfaces& surfaces = *march_.context_.surfaces;
+  for (int i = 0; i < kSquareRays * kSquareRays; ++i) {
+    const dvec2 place = (dvec2(i % kSquareRays, i / kSquareRays) + 0.5) / static_cast<double>(kSquareRays);
     CameraSample sample = camera;
-    sample.film += camera.cell * off;
+    sample.film = (dvec2(square.first) + place) / static_cast<double>(kSquares);
     const Ray ray = march_.rays_.ray(sample);
     const std::optional<SurfaceHit> own = surfaces.intersect(ray, kFar);
     if (!own || own->surface != surface) continue;
@@ -143,7 +154,7 @@ const std::vector<MirroredRays::CornerEnd>& MirroredRays::ends_at(const ivec2& c
   const auto [place, fresh] = corners_.try_emplace({corner.x, corner.y});
   std::vector<CornerEnd>& ends = place->second;
   if (!fresh) return ends;
-  const Ray ray = march_.rays_.ray({dvec2(corner)});
+  const Ray ray = march_.rays_.ray({dvec2(corner) / static_cast<double>(kSquares)});
   const std::optional<SurfaceHit> hit = march_.rays_.first_hit(ray);
   if (!hit) return ends;
   const ShadedPoint at(*march_.context_.surfaces, ray, *hit);
@@ -157,14 +168,15 @@ const std::vector<MirroredRays::CornerEnd>& MirroredRays::ends_at(const ivec2& c
 }
 
 // Rays of a lens or shutter go elsewhere than those of the corners.
-bool MirroredRays::may_show_lights(const ivec2& pixel) {
+bool MirroredRays::may_show_lights(const Square& square) {
   const Lights& lights = *march_.context_.lights;
   if (lights.finite().empty() &&
       std::all_of(lights.suns().begin(), lights.suns().end(), [](auto* sun) { return sun->delta(); }))
     return false;
   if (march_.rays_.blurred()) return true;
   std::array<const std::vector<CornerEnd>*, 4> corners;
-  for (int i = 0; i < 4; ++i) corners[static_cast<size_t>(i)] = &ends_at(pixel + ivec2(i % 2, i / 2));
+  for (int i = 0; i < 4; ++i)
+    corners[static_cast<size_t>(i)] = &ends_at(square.first + square.side * ivec2(i % 2, i / 2));
   for (const auto* const corner : corners)
     for (const CornerEnd& end : *corner) {
       double spread = 0;
@@ -185,15 +197,13 @@ bool MirroredRays::light_within(const Ray& ray, double spread) const {
   for (const Sun* sun : lights.suns())
     if (!sun->delta() && glm::distance(ray.d, sun->axis()) < spread + std::sqrt(2 * sun->one_minus_cos())) return true;
   for (const FiniteLight* light : lights.finite()) {
-    // Middle and edges of it.
-    std::array<dvec3, 9> towards;
-    dvec3 middle(0);
-    for (size_t i = 0; i < towards.size(); ++i)
-      middle += towards[i] = light->sample(ray.o, 0.5 * dvec2(i % 3, i / 3)).wi;
-    middle = glm::normalize(middle);
-    double radius = 0;
-    for (const dvec3& d : towards) radius = std::max(radius, glm::distance(d, middle));
-    if (glm::distance(ray.d, middle) < spread + radius) return true;
+    const LightPlace place = *light->place();
+    const dvec3 to = place.centre - ray.o;
+    const double distance = glm::length(to), sine = place.radius / distance;
+    if (!(sine < 1)) return true;
+    // Between directions to the middle and the rim.
+    const double radius = std::sqrt(2 * (1 - std::sqrt(1 - sine * sine)));
+    if (glm::distance(ray.d, to / distance) < spread + radius) return true;
   }
   return false;
 }

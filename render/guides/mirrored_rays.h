@@ -14,7 +14,7 @@ namespace brume {
 /// directions. Each generation is marched together.
 ///
 /// Suns and lamps that smooth surfaces show are small against a pixel. They are looked for by many rays that meet
-/// surfaces alone, in the pixels where rays through the corners end near a light.
+/// surfaces alone, in pixels, quarters and sixteenths of them where rays through the corners end near a light.
 class MirroredRays {
  public:
   explicit MirroredRays(const GuideMarch& march);
@@ -66,17 +66,23 @@ class MirroredRays {
 
   /// Looks for suns and lamps in the square of film that a camera ray stands for. @param path  of the camera ray
   void show_lights(const CameraSample& camera, uint32_t surface, Path path);
+  /// A square of film, counted in the smallest of them, of which there are four along a pixel's side.
+  struct Square {
+    ivec2 first;
+    int side;
+  };
+  void show_lights(const Square& square, const CameraSample& camera, uint32_t surface, const Path& path);
   /// Calls end(path, ray, met) for all rays that smooth surfaces alone turn.
   template <class End>
   void follow_smooth(const ShadedPoint& at, const SurfaceHit& hit, const Path& path, const End& end) const;
-  /// Where a ray through a corner of a pixel ends, and how it came there.
+  /// Where a ray through a corner of a square ends, and how it came there.
   struct CornerEnd {
     uint64_t branches;
     Ray ray;
   };
   /// None where the surface there is not smooth.
   const std::vector<CornerEnd>& ends_at(const ivec2& corner);
-  bool may_show_lights(const ivec2& pixel);
+  bool may_show_lights(const Square& square);
   bool light_within(const Ray& ray, double spread) const;
   /// Adds radiance that comes straight from a light, or from anything else.
   void add(const Path& path, const dvec3& direct, const dvec3& indirect) const;
@@ -87,7 +93,7 @@ class MirroredRays {
   MarchBatch batch_;
   std::vector<GuideSums> sums_;
   std::map<std::pair<int, int>, std::vector<CornerEnd>>
-      corners_;  // of the tile's pixels, as far as they were asked for
+      corners_;  // of squares in the tile's pixels, as far as they were asked for
 };
 
 }  // namespace brume

@@ -18,12 +18,19 @@ struct Answer : Answers... {
   using Answers::operator()...;
 };
 
-/// Round lights are sampled along their axis, flat ones in their middle.
-ArrivingLight sampled_middle(const Light& light, const dvec3& p) {
-  const LightSample s = light.sample(p, light.centre() ? dvec2(0, 0.5) : dvec2(0.5));
-  if (!(s.pdf > 0)) return {};
-  const double radius = light.centre() ? std::max(0.0, glm::distance(*light.centre(), p) - s.distance) : 0;
-  return {s.wi, s.distance, s.radiance / s.pdf, radius};
+ArrivingLight from_middle(const Light& light, const dvec3& p) {
+  const LightSample s = light.sample(p, dvec2(0.5));
+  return s.pdf > 0 ? ArrivingLight{s.wi, s.distance, s.radiance / s.pdf} : ArrivingLight();
+}
+
+/// Round lamps are seen along their axis, flat ones in their middle.
+ArrivingLight from_lamp(const FiniteLight& lamp, const dvec3& p) {
+  const dvec3 to = lamp.centre() ? *lamp.centre() - p : dvec3(0);
+  const double distance = glm::length(to);
+  if (!(distance > 0)) return from_middle(lamp, p);
+  const Ray ray{p, to / distance};
+  const double t = lamp.intersect(ray);
+  return {ray.d, t, lamp.radiance(ray, t) / lamp.pdf(ray, t), std::max(0.0, distance - t)};
 }
 
 /// What arrives from a lamp in the cube around a node, on average: where the lamp is near, it differs much from place
@@ -126,8 +133,8 @@ ArrivingLight arriving_light(const KnownLight& light, const dvec3& p) {
   return std::visit(Answer{[](const Sun* sun) {
                              return ArrivingLight{sun->axis(), kFar, sun->irradiance()};
                            },
-                           [&](const FiniteLight* lamp) { return sampled_middle(*lamp, p); },
-                           [&](const PointLight* lamp) { return sampled_middle(*lamp, p); }},
+                           [&](const FiniteLight* lamp) { return from_lamp(*lamp, p); },
+                           [&](const PointLight* lamp) { return from_middle(*lamp, p); }},
                     light);
 }
 

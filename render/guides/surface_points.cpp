@@ -18,6 +18,7 @@ constexpr size_t kMostPoints = 4000;
 constexpr double kSamplesAcross = 2;  // of a point's part
 constexpr size_t kMostSamples = 4;
 constexpr double kAlike = 0.5;   // least cosine between normals of points that stand for one another
+constexpr size_t kLeaf = 8;      // points that are not parted any more
 constexpr double kOffPlane = 8;  // distances off a surface's plane count as many times more, squared
 
 struct Triangle {
@@ -181,7 +182,7 @@ void SurfacePoints::settle(const Surfaces& surfaces, const Task& task) {
 }
 
 void SurfacePoints::build(size_t begin, size_t end) {
-  if (end - begin < 2) return;
+  if (end - begin <= kLeaf) return;
   dvec3 lo(kFar), hi(-kFar);
   for (size_t i = begin; i < end; ++i) {
     lo = glm::min(lo, tree_[i].p);
@@ -221,13 +222,19 @@ struct SurfacePoints::Search {
 };
 
 void SurfacePoints::search(size_t begin, size_t end, Search& found) const {
-  if (begin >= end) return;
+  const auto consider = [&](const Node& node) {
+    const dvec3 to = node.p - found.p;
+    const double d2 = glm::dot(to, to);
+    if (d2 < found.farthest() && glm::dot(node.normal, found.normal) > kAlike) found.add(node.point, d2);
+  };
+  if (end - begin <= kLeaf) {
+    for (size_t i = begin; i < end; ++i) consider(tree_[i]);
+    return;
+  }
   const size_t middle = (begin + end) / 2;
   const Node& node = tree_[middle];
-  const dvec3 to = node.p - found.p;
-  const double d2 = glm::dot(to, to);
-  if (d2 < found.farthest() && glm::dot(node.normal, found.normal) > kAlike) found.add(node.point, d2);
-  const double behind = -to[node.axis];
+  consider(node);
+  const double behind = found.p[node.axis] - node.p[node.axis];
   const bool first = behind < 0;
   if (first)
     search(begin, middle, found);
