@@ -17,6 +17,7 @@ constexpr int kMostFaces = 8;          // of glass, crossed or met from within
 constexpr double kLeastWeight = 0.02;  // of a branch at a glass face; the other one has its light
 constexpr int kLobeRays = 16;          // of a rough surface, seen by a camera ray
 constexpr int kSquares = 4;            // along a side of a pixel, in which small lights are looked for
+constexpr int kWide = 4;               // pixels along a side of squares that are asked first
 constexpr int kSquareRays = 2;         // that look for them along a side of each
 // Around where a corner's ray ends, over how far the other corners' end from there; where not all come there [rad].
 constexpr double kSpread = 1.5, kUnknownSpread = 0.5;
@@ -122,6 +123,8 @@ void MirroredRays::follow_smooth(const ShadedPoint& at, const SurfaceHit& hit, c
 }
 
 void MirroredRays::show_lights(const CameraSample& camera, uint32_t surface, Path path) {
+  const ivec2 first = kWide * ivec2(glm::floor(camera.film / static_cast<double>(kWide)));
+  if (!may_show_lights({kSquares * first, kSquares * kWide})) return;
   const int across = static_cast<int>(std::lround(kSquares * camera.cell));
   path.shown = Shown::kAll;
   path.throughput = dvec3(1.0 / (kSquareRays * kSquareRays * across * across));
@@ -167,7 +170,7 @@ const std::vector<MirroredRays::CornerEnd>& MirroredRays::ends_at(const ivec2& c
   return ends;
 }
 
-// Rays of a lens or shutter go elsewhere than those of the corners.
+// Rays of a lens or shutter go elsewhere than those of the corners. Smooth surfaces may begin within a wide square.
 bool MirroredRays::may_show_lights(const Square& square) {
   const Lights& lights = *march_.context_.lights;
   if (lights.finite().empty() &&
@@ -177,6 +180,8 @@ bool MirroredRays::may_show_lights(const Square& square) {
   std::array<const std::vector<CornerEnd>*, 4> corners;
   for (int i = 0; i < 4; ++i)
     corners[static_cast<size_t>(i)] = &ends_at(square.first + square.side * ivec2(i % 2, i / 2));
+  for (const auto* const corner : corners)
+    if (square.side > kSquares && corner->empty()) return true;
   for (const auto* const corner : corners)
     for (const CornerEnd& end : *corner) {
       double spread = 0;

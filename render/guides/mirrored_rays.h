@@ -14,7 +14,8 @@ namespace brume {
 /// directions. Each generation is marched together.
 ///
 /// Suns and lamps that smooth surfaces show are small against a pixel. They are looked for by many rays that meet
-/// surfaces alone, in pixels, quarters and sixteenths of them where rays through the corners end near a light.
+/// surfaces alone, in squares of 4 x 4 pixels, pixels, quarters and sixteenths of them, each where rays through the
+/// corners end near a light.
 class MirroredRays {
  public:
   explicit MirroredRays(const GuideMarch& march);
