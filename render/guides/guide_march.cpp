@@ -33,7 +33,7 @@ GuideMarch::GuideMarch(const PathContext& context, const std::vector<GuideMedia>
       surfaces_{fields.lights(),  fields.scaled_extinction(), fields.sky_parts(),
                 context.surfaces, fields.ambient_light(),     fields.surface_light()},
       reference_depth_(glm::distance(camera.ray(dvec2(0)).o, 0.5 * (media[0].lo() + media[0].hi()))),
-      node_fields_(fields, media[0], colour, camera, task) {
+      node_fields_(fields, media[0], colour, camera, media.size() > 1, task) {
   if (colour == kGrey && !media[0].media().empty()) tint_ = OrderTint(media[0].tint(0));
   if (any_mirrors(context.surfaces)) node_light_ = any_direction(fields, media[0], colour, task);
   const MarchSteps steps(media[0], fields, colour, (sketch ? kSketchStride : 1) * step_voxels);

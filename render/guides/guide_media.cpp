@@ -98,8 +98,8 @@ Medium GuideMedia::resampled(const Medium& medium, double time, const Task& task
   const DisplacedSamples samples(medium, time);
   return medium.resampled(
       kSamplesPerVoxel, *resampled_.emplace_back(std::make_shared<BrickGrid>()),
-      [&](const dvec3& first, double spacing, float* values) {
-        samples.sample(first, spacing, BrickGrid::kCell + 1, values);
+      [&](const dvec3& first, double, float* values) {
+        samples.sample(first, kSamplesPerVoxel, BrickGrid::kCell + 1, values);
       },
       task);
 }
@@ -176,6 +176,18 @@ dvec3 GuideMedia::followed(const dvec3& world, const GuideMedia& other) const {
     if (!media_[i].instances() && (media_.size() == 1 || media_[i].density(media_[i].to_local(world)) > 0))
       return moved(i, world, other);
   return world;
+}
+
+std::optional<dvec3> GuideMedia::moved_since(const GuideMedia& other) const {
+  const double rounding = 1e-9 * voxel_;
+  const dvec3 moved = media_.empty() ? dvec3(0) : media_[0].corners()[0] - other.media_[0].corners()[0];
+  for (size_t i = 0; i < media_.size(); ++i) {
+    if (displaced_[i].displacement() || media_[i].instances()) return {};
+    const auto now = media_[i].corners(), before = other.media_[i].corners();
+    for (size_t k = 0; k < now.size(); ++k)
+      if (glm::distance(now[k] - before[k], moved) > rounding) return {};
+  }
+  return moved;
 }
 
 void GuideMedia::intervals(const Ray& ray, double t_max, std::vector<std::pair<double, double>>& parts,

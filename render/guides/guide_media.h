@@ -1,6 +1,7 @@
 #pragma once
 #include <array>
 #include <memory>
+#include <optional>
 #include <span>
 #include <utility>
 #include <vector>
@@ -76,6 +77,9 @@ class GuideMedia {
   dvec3 moved(size_t medium, const dvec3& world, const GuideMedia& other) const {
     return other.displaced_[medium].to_world(displaced_[medium].to_local(world));
   }
+
+  /// How far all media have moved since another time of the shutter, where they have only moved, and all alike.
+  std::optional<dvec3> moved_since(const GuideMedia& other) const;
 
   /// The parts of a world ray in which anything may be found, in order and apart from one another.
   /// @param uneven  only those in which anything changes from voxel to voxel; elsewhere media are homogeneous

@@ -156,23 +156,78 @@ void SumDepths(const std::vector<LaneMedia::Part>& parts, const LaneMedia::Lines
   }
 }
 
-void SampleDisplaced(const LaneScene& scene, float frame, const dvec3& first, double spacing, int across,
+/// A cube of values on a lattice, x slowest: linear between each two along every axis. @param across  of the result
+void refine(const std::vector<float>& coarse, int coarse_across, int per_node, int across, std::vector<float>& fine) {
+  const size_t n = static_cast<size_t>(coarse_across), m = static_cast<size_t>(across);
+  const auto each = [&](const auto& body) {
+    for (size_t k = 0; k < m; ++k) {
+      const size_t node = std::min(k / static_cast<size_t>(per_node), n - 2);
+      body(k, node, static_cast<float>(k - node * static_cast<size_t>(per_node)) / static_cast<float>(per_node));
+    }
+  };
+  std::vector<float> along_z(n * n * m), along_y(n * m * m);
+  for (size_t row = 0; row < n * n; ++row)
+    each([&](size_t k, size_t node, float f) {
+      const float* const a = coarse.data() + row * n + node;
+      along_z[row * m + k] = a[0] + f * (a[1] - a[0]);
+    });
+  const auto between = [&](const float* a, const float* b, float f, size_t count, float* to) {
+    for (size_t i = 0; i < count; ++i) to[i] = a[i] + f * (b[i] - a[i]);
+  };
+  for (size_t plane = 0; plane < n; ++plane)
+    each([&](size_t k, size_t node, float f) {
+      const float* const a = along_z.data() + (plane * n + node) * m;
+      between(a, a + m, f, m, along_y.data() + (plane * m + k) * m);
+    });
+  fine.resize(m * m * m);
+  each([&](size_t k, size_t node, float f) {
+    const float* const a = along_y.data() + node * m * m;
+    between(a, a + m * m, f, m * m, fine.data() + k * m * m);
+  });
+}
+
+/// Calls body(i, p) for the points of a cube, x slowest, as many together as there are lanes: the first is the i-th.
+/// The last lanes may be beyond the cube.
+template <class Body>
+void each_point(const dvec3& first, double spacing, int across, const Body& body) {
+  const D d;
+  const size_t lanes = hn::Lanes(d), count = static_cast<size_t>(across) * across * across;
+  std::vector<float> x(count + lanes), y(count + lanes), z(count + lanes);
+  size_t next = 0;
+  for (int i = 0; i < across; ++i)
+    for (int j = 0; j < across; ++j)
+      for (int k = 0; k < across; ++k, ++next) {
+        x[next] = static_cast<float>(first.x + spacing * i);
+        y[next] = static_cast<float>(first.y + spacing * j);
+        z[next] = static_cast<float>(first.z + spacing * k);
+      }
+  for (size_t i = 0; i < count; i += lanes)
+    body(i, V3{hn::LoadU(d, x.data() + i), hn::LoadU(d, y.data() + i), hn::LoadU(d, z.data() + i)});
+}
+
+// The displacement, linear between voxels, is looked up once for each of them.
+void SampleDisplaced(const LaneScene& scene, float frame, const dvec3& first, int per_voxel, int across,
                      float* values) {
   const D d;
-  const size_t count = static_cast<size_t>(across) * across * across;
-  HWY_ALIGN Lanes x, y, z, found;
-  for (size_t i = 0; i < count; i += hn::Lanes(d)) {
-    const size_t many = std::min(hn::Lanes(d), count - i);
-    for (size_t lane = 0; lane < hn::Lanes(d); ++lane) {
-      const auto k = static_cast<int>(std::min(i + lane, count - 1));
-      x[lane] = static_cast<float>(first.x + spacing * (k / (across * across)));
-      y[lane] = static_cast<float>(first.y + spacing * (k / across % across));
-      z[lane] = static_cast<float>(first.z + spacing * (k % across));
-    }
-    const V3 p{hn::Load(d, x), hn::Load(d, y), hn::Load(d, z)};
-    hn::Store(displaced_density(scene, p + set3(scene.origin_shift), set(frame)), d, found);
-    std::copy_n(found, many, values + i);
+  const int voxels = (across - 1) / per_voxel + 1;
+  const size_t lanes = hn::Lanes(d), count = static_cast<size_t>(across) * across * across;
+  std::vector<float> at_voxels(static_cast<size_t>(voxels) * voxels * voxels + lanes), displacement[3];
+  for (size_t axis = 0; axis < 3; ++axis) {
+    const LaneCells& field = scene.displacement[axis];
+    displacement[axis].assign(count + lanes, 0.0f);
+    if (!field.values) continue;
+    each_point(first, 1, voxels, [&](size_t i, const V3& p) {
+      hn::StoreU(set(frame) * density_at(field, p + set3(scene.origin_shift)), d, at_voxels.data() + i);
+    });
+    refine(at_voxels, voxels, per_voxel, across, displacement[axis]);
+    displacement[axis].resize(count + lanes);
   }
+  each_point(first, 1.0 / per_voxel, across, [&](size_t i, const V3& p) {
+    const auto along = [&](size_t axis) { return hn::LoadU(d, displacement[axis].data() + i); };
+    HWY_ALIGN Lanes found;
+    hn::Store(density_of_grid(scene.density, p - V3{along(0), along(1), along(2)}), d, found);
+    std::copy_n(found, std::min(lanes, count - i), values + i);
+  });
 }
 
 }  // namespace brume::HWY_NAMESPACE
@@ -214,8 +269,8 @@ DisplacedSamples::DisplacedSamples(const Medium& medium, double time) {
   frame_ = static_cast<float>(displacement.open + (displacement.close - displacement.open) * time);
 }
 
-void DisplacedSamples::sample(const dvec3& first, double spacing, int across, float* values) const {
-  HWY_DYNAMIC_DISPATCH(SampleDisplaced)(scene_, frame_, first, spacing, across, values);
+void DisplacedSamples::sample(const dvec3& first, int per_voxel, int across, float* values) const {
+  HWY_DYNAMIC_DISPATCH(SampleDisplaced)(scene_, frame_, first, per_voxel, across, values);
 }
 
 }  // namespace brume

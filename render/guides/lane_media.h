@@ -42,8 +42,8 @@ class DisplacedSamples {
   DisplacedSamples(const Medium& medium, double time);
   /// Whether single precision is enough.
   static bool fits(const Medium& medium);
-  /// At across^3 points from a local one on, x slowest.
-  void sample(const dvec3& first, double spacing, int across, float* values) const;
+  /// At across^3 points from a voxel on, local coordinates, x slowest. @param across  whole voxels and one point
+  void sample(const dvec3& first, int per_voxel, int across, float* values) const;
 
  private:
   DisplacedLaneGrid grids_;

@@ -8,6 +8,7 @@
 #include "base/parallel_for.h"
 #include "render/guides/forward_peak.h"
 #include "render/guides/sky_light.h"
+#include "render/guides/view_frustum.h"
 #include "volume/phase_function.h"
 
 namespace brume {
@@ -90,7 +91,7 @@ struct NodeFields::Sky {
 };
 
 NodeFields::NodeFields(const LightFields& fields, const GuideMedia& media, GuideColour colour, const Camera& camera,
-                       const Task& task)
+                       bool moving, const Task& task)
     : fields_(fields), media_(media), colour_(colour) {
   if (media.media().size() == 1)
     cap_phase_ = CapPhase(media.media()[0].phase(), 1.0 / static_cast<double>(ScatteringSolver::directions().size()));
@@ -114,10 +115,14 @@ NodeFields::NodeFields(const LightFields& fields, const GuideMedia& media, Guide
   table_ = NodeTable(fields.lattice(), count);
   const ivec3& n = table_.lattice.n;
   const Sky sky(*this, fields_, media_);
+  const ViewFrustum frustum(camera);
+  const Lattice& lattice = table_.lattice;
+  const double cube = std::sqrt(3.0) * lattice.spacing;  // rays are lit by the nodes around them
   parallel_for(n.x, quiet(task), [&](int x) {
     for (int y = 0; y < n.y; ++y)
       for (int z = 0; z < n.z; ++z)
-        if (fields_.near()[table_.lattice.index(x, y, z)]) fill_node({x, y, z}, camera, sky);
+        if (fields_.near()[lattice.index(x, y, z)] && (moving || frustum.near(lattice.node(x, y, z), cube)))
+          fill_node({x, y, z}, camera, sky);
   });
 }
 

@@ -41,9 +41,10 @@ class NodeFields {
     size_t tail() const { return orders + GuideLight::kFirstOrder.size() - 1; }
   };
 
-  /// @param media  at the time at which the light was solved first
+  /// @param media   at the time at which the light was solved first
+  /// @param moving  whether rays meet the media where they are at other times, too
   /// @throws std::logic_error for more than NodeTable holds: guide_lights() limits them
-  NodeFields(const LightFields& fields, const GuideMedia& media, GuideColour colour, const Camera& camera,
+  NodeFields(const LightFields& fields, const GuideMedia& media, GuideColour colour, const Camera& camera, bool moving,
              const Task& task);
 
   const NodeTable& table() const { return table_; }

@@ -210,9 +210,13 @@ ArrivingLight SunLight::at(const dvec3& p) const {
 }
 
 Radiance SunLight::arriving(const LightSolve& solve) {
-  for (const GuideMedia& m : solve.times)
-    depth_.emplace_back(m, solve.colour, towards(), m.voxel(), m.instances() ? kMostSunNodesOfInstances : kMostSunNodes,
-                        solve.task);
+  depth_.reserve(solve.times.size());
+  for (const GuideMedia& m : solve.times) {
+    const std::optional<dvec3> moved = depth_.empty() ? std::nullopt : m.moved_since(solve.times[0]);
+    depth_.push_back(moved ? depth_[0].moved(*moved)
+                           : SunDepth(m, solve.colour, towards(), m.voxel(),
+                                      m.instances() ? kMostSunNodesOfInstances : kMostSunNodes, solve.task));
+  }
   const ScatteringSolver& solver = solve.solver;
   lattice_ = solver.lattice();
   if (solve.surfaces) visible_ = NodeValues(lattice_.size());
@@ -230,7 +234,8 @@ Radiance SunLight::arriving(const LightSolve& solve) {
 
 size_t SunLight::bytes() const {
   size_t sum = visible_.size() * sizeof(float);
-  for (const SunDepth& depth : depth_) sum += depth.bytes();
+  for (const SunDepth& depth : depth_)
+    if (&depth == &depth_[0] || depth.roots() != depth_[0].roots()) sum += depth.bytes();
   return sum;
 }
 

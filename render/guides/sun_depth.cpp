@@ -41,7 +41,8 @@ SunDepth::SunDepth(const GuideMedia& media, GuideColour colour, const dvec3& tow
   origin_ = media.lo();
   origin_[u_] += low.x;
   origin_[v_] += low.y;
-  roots_ = decltype(roots_)(static_cast<size_t>(n_.x) * n_.y * n_.z);
+  const auto roots = std::make_shared<Roots>(static_cast<size_t>(n_.x) * n_.y * n_.z);
+  roots_ = roots;
 
   const bool upwards = towards[axis_] > 0;
   const double length = spacing / std::abs(towards[axis_]);  // between nodes of a column [world units]
@@ -62,7 +63,7 @@ SunDepth::SunDepth(const GuideMedia& media, GuideColour colour, const dvec3& tow
       across[v_] = spacing;
       lanes.depths({start, across, towards, length, n_.x, inner}, depths.data());
       for (int lane = 0; lane < std::min(kMost, n_.z - v); ++lane) {
-        uint16_t* const column = roots_.data() + (static_cast<size_t>(u) * n_.z + v + lane) * n_.x;
+        uint16_t* const column = roots->data() + (static_cast<size_t>(u) * n_.z + v + lane) * n_.x;
         for (int k = 0; k < n_.x; ++k)
           if (const float depth = depths[static_cast<size_t>(k * kMost + lane)]; depth > 0)
             column[first + step * k] = root_of(depth);
@@ -80,7 +81,7 @@ float SunDepth::at_place(const dvec3& q) const {
   ivec3 i{0};
   const float fk = clamped(q.x, n_.x, i.x), fu = clamped(q.y, n_.y, i.y), fv = clamped(q.z, n_.z, i.z);
   const size_t next_v = static_cast<size_t>(n_.x), next_u = next_v * n_.z;
-  const uint16_t* const d = roots_.data() + (static_cast<size_t>(i.y) * n_.z + i.z) * n_.x + i.x;
+  const uint16_t* const d = roots_->data() + (static_cast<size_t>(i.y) * n_.z + i.z) * n_.x + i.x;
   const auto along = [&](size_t offset) {
     const float first = depth_of(d[offset]);
     return first + fk * (depth_of(d[offset + 1]) - first);

@@ -2,6 +2,7 @@
 #include <algorithm>
 #include <cmath>
 #include <cstdint>
+#include <memory>
 #include <vector>
 
 #include "base/progress.h"
@@ -22,6 +23,13 @@ class SunDepth {
   SunDepth(const GuideMedia& media, GuideColour colour, const dvec3& towards, double spacing, size_t most_nodes,
            const Task& task);
 
+  /// The same depths, in the same memory, where everything has moved as far.
+  SunDepth moved(const dvec3& by) const {
+    SunDepth depth = *this;
+    depth.origin_ += by;
+    return depth;
+  }
+
   /// At a world point; linear between the nodes.
   float at(const dvec3& world) const { return at_place(place(world)); }
   /// A world ray in the lattice's coordinates.
@@ -29,11 +37,11 @@ class SunDepth {
     dvec3 start{0}, along{0};
   };
   Line line(const Ray& ray) const { return {place(ray.o), sheared(ray.d)}; }
-  size_t bytes() const { return roots_.size() * sizeof(uint16_t); }
+  size_t bytes() const { return roots_->size() * sizeof(uint16_t); }
 
   /// Depths are kept as their roots in 16 bits: within 0.001 at a depth of 1, up to the largest that matters.
   static constexpr float kLargest = 676, kRootStep = 26.0f / 65535;
-  const uint16_t* roots() const { return roots_.data(); }
+  const uint16_t* roots() const { return roots_->data(); }
   /// Nodes along a column and across; columns lie one behind another, the last axis the faster one.
   const ivec3& nodes() const { return n_; }
 
@@ -57,8 +65,9 @@ class SunDepth {
   static uint16_t root_of(float depth) {
     return static_cast<uint16_t>(std::sqrt(std::min(depth, kLargest)) / kRootStep + 0.5f);
   }
-  ivec3 n_{0};                                        // along, u, v
-  std::vector<uint16_t, LazyZeros<uint16_t>> roots_;  // v fastest but for the column, which is contiguous
+  using Roots = std::vector<uint16_t, LazyZeros<uint16_t>>;
+  ivec3 n_{0};                          // along, u, v
+  std::shared_ptr<const Roots> roots_;  // v fastest but for the column, which is contiguous
 };
 
 }  // namespace brume
