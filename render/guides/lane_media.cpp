@@ -156,6 +156,19 @@ void SumDepths(const std::vector<LaneMedia::Part>& parts, const LaneMedia::Lines
   }
 }
 
+void Extinctions(const LaneMedia::Part& part, const dvec3& start, const dvec3& step, std::vector<float>& values) {
+  const D d;
+  constexpr size_t kMost = LaneMedia::Lines::kMost;
+  const Ray ray = part.medium->to_local(Ray{start, step});
+  for (size_t i = 0; i < values.size(); i += kMost) {
+    const LocalLines points{ray.at(static_cast<double>(i)), ray.d, dvec3(0)};
+    for (size_t first = 0; first < kMost; first += hn::Lanes(d)) {
+      const V lane = hn::Iota(d, static_cast<float>(first));
+      hn::StoreU(Density(part, points, 0, lane) * static_cast<float>(part.sigma_t), d, values.data() + i + first);
+    }
+  }
+}
+
 /// A cube of values on a lattice, x slowest: linear between each two along every axis. @param across  of the result
 void refine(const std::vector<float>& coarse, int coarse_across, int per_node, int across, std::vector<float>& fine) {
   const size_t n = static_cast<size_t>(coarse_across), m = static_cast<size_t>(across);
@@ -237,6 +250,7 @@ HWY_AFTER_NAMESPACE();
 namespace brume {
 
 HWY_EXPORT(SumDepths);
+HWY_EXPORT(Extinctions);
 HWY_EXPORT(SampleDisplaced);
 
 LaneMedia::LaneMedia(const GuideMedia& media, GuideColour colour) {
@@ -251,6 +265,17 @@ LaneMedia::LaneMedia(const GuideMedia& media, GuideColour colour) {
 
 void LaneMedia::depths(const Lines& lines, float* depths) const {
   HWY_DYNAMIC_DISPATCH(SumDepths)(parts_, lines, depths);
+}
+
+bool LaneMedia::even() const {
+  return std::all_of(parts_.begin(), parts_.end(), [](const Part& part) {
+    return (part.grid || part.medium->homogeneous()) && !part.medium->coloured() && !part.medium->instances();
+  });
+}
+
+void LaneMedia::extinctions(size_t medium, const dvec3& start, const dvec3& step, std::vector<float>& values) const {
+  values.resize((values.size() + Lines::kMost - 1) / Lines::kMost * Lines::kMost);
+  HWY_DYNAMIC_DISPATCH(Extinctions)(parts_[medium], start, step, values);
 }
 
 bool DisplacedSamples::fits(const Medium& medium) {

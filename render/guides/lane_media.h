@@ -23,6 +23,11 @@ class LaneMedia {
   /// Optical depths of the nodes of lines towards their last ones: of all lines at the first node, then at the second.
   void depths(const Lines& lines, float* depths) const;
 
+  /// Whether all media are the same everywhere but for densities that are looked up in vectors.
+  bool even() const;
+  /// Extinction of one medium at points along a line, as many as fill whole vectors. @param step  to the next point
+  void extinctions(size_t medium, const dvec3& start, const dvec3& step, std::vector<float>& values) const;
+
   struct Part {
     const Medium* medium;
     double sigma_t;   ///< per density [1 / world unit]

@@ -5,6 +5,7 @@
 
 #include "base/math.h"
 #include "render/guides/forward_peak.h"
+#include "render/guides/lane_media.h"
 #include "render/guides/media_line.h"
 
 namespace brume {
@@ -31,25 +32,33 @@ ScatteringSolver::ScatteringSolver(const Lattice& lattice, const GuideMedia& med
   // Means over cubes around the nodes, from lines along rows of them.
   const double cube = lattice.spacing;
   const int inner = std::clamp(static_cast<int>(std::lround(cube / media.voxel())), 1, 3);
+  const LaneMedia lanes(media, colour);
+  const bool even = lanes.even();
   fill([&](int x, int y, std::vector<NodeMedia>& row) {
     static thread_local std::vector<std::pair<double, double>> parts;
+    static thread_local std::vector<float> extinctions;
     MediaLine line(media, colour);
     for (int k = 0; k < inner * inner; ++k) {
       const dvec3 place(k % inner, k / inner, 0);
       const Ray ray{lattice_.node(x, y, 0) + cube * ((place + 0.5) / static_cast<double>(inner) - 0.5), {0, 0, cube}};
+      for (size_t m = 0; even && m < media.media().size(); ++m) {
+        const double albedo = media.constants(m).albedo[static_cast<size_t>(colour + 1)], g = media.mean_cosine(m);
+        extinctions.resize(static_cast<size_t>(inner) * (row.size() - 2));
+        lanes.extinctions(m, ray.at(1), ray.d / static_cast<double>(inner), extinctions);
+        for (size_t z = 1; z + 1 < row.size(); ++z)
+          for (size_t i = 0; i < static_cast<size_t>(inner); ++i)
+            row[z].add(static_cast<double>(extinctions[(z - 1) * static_cast<size_t>(inner) + i]), albedo, g);
+      }
+      if (even) continue;
       media.intervals(ray, lattice_.n.z - 1, parts);
       line.follow(ray);
       int z = 1;
       for (const auto& [begin, end] : parts)
-        for (z = std::max(z, static_cast<int>(begin)); z < lattice_.n.z - 1 && z <= end; ++z) {
-          NodeMedia& node = row[static_cast<size_t>(z)];
+        for (z = std::max(z, static_cast<int>(begin)); z < lattice_.n.z - 1 && z <= end; ++z)
           for (int i = 0; i < inner; ++i) {
             const GuideMedia::Point point = line.at(z + static_cast<double>(i) / inner);
-            node.extinction += point.sigma_t;
-            node.scattered += point.sigma_t * point.albedo;
-            node.linear += point.sigma_t * point.albedo * point.g;
+            row[static_cast<size_t>(z)].add(point.sigma_t, point.albedo, point.g);
           }
-        }
     }
     for (NodeMedia& node : row) {
       if (!(node.extinction > 0)) continue;

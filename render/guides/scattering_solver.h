@@ -126,6 +126,12 @@ class ScatteringSolver {
   struct NodeMedia {
     double extinction = 0, scaled = 0;  ///< scaled: without the forward peak
     double scattered = 0, linear = 0;   ///< scaled, times albedo and three times the mean cosine of what is left
+    /// A point of the media, which forward peaks are a part of. @param g  mean cosine
+    void add(double sigma_t, double point_albedo, double g) {
+      extinction += sigma_t;
+      scattered += sigma_t * point_albedo;
+      linear += sigma_t * point_albedo * g;
+    }
     void add(const NodeMedia& other) {
       extinction += other.extinction;
       scaled += other.scaled;
