@@ -11,6 +11,7 @@
 #include "base/output_file.h"
 #include "base/parallel_for.h"
 #include "image/exr_deep.h"
+#include "render/world/camera.h"
 
 namespace brume {
 namespace {
@@ -121,18 +122,23 @@ DeepPicture deep_frame(const DeepRecord& record, Layers& frame, Type type) {
   return picture;
 }
 
-void add_depths(const DeepRecord& record, const RenderSettings& settings, Layers& frame) {
+void add_depths(const DeepRecord& record, const Scene& scene, Layers& frame) {
+  const RenderSettings& settings = scene.render;
+  const Camera camera(scene.camera, scene.film.width, scene.film.height);
   const auto plane = [&](const LayerName& l) -> Plane& { return frame.add(l.channel(0)); };
   Plane &mean = plane(layer::depth_mean), &half = plane(layer::depth_half), &first = plane(layer::depth_first),
         &mist = plane(layer::mist);
-  const auto mist_at = [&](double z) {
-    const double share = std::clamp((z - settings.mist_start) / settings.mist_depth, 0.0, 1.0);
+  const auto mist_at = [&](double distance) {
+    const double share = std::clamp((distance - settings.mist_start) / settings.mist_depth, 0.0, 1.0);
     return settings.mist_falloff == "linear"      ? share
            : settings.mist_falloff == "quadratic" ? share * share
                                                   : std::sqrt(share);
   };
+  const ivec2 corner = frame.data_window().lo;
   parallel_for(frame.height(), {}, [&](int y) {
     for (int x = 0; x < frame.width(); ++x) {
+      const Ray ray = camera.ray(dvec2(corner + ivec2(x, y)) + 0.5, dvec2(0.5), 0);
+      const double per_depth = 1 / (camera.depth(ray.o + ray.d, 0) - camera.depth(ray.o, 0));
       const std::vector<DeepPart> parts = record.parts({x, y});
       const double covered = parts.empty() ? 0 : 1 - static_cast<double>(parts.back().left);
       mean(x, y) = half(x, y) = first(x, y) = kDeepBackground;
@@ -149,7 +155,7 @@ void add_depths(const DeepRecord& record, const RenderSettings& settings, Layers
         // The mean of an exponential that ends.
         const double middle = part.z + length * (share < 1e-4 ? 0.5 : 1 / depth - (1 - share) / share);
         sum += cover * middle;
-        all_mist += cover * mist_at(middle);
+        all_mist += cover * mist_at(middle * per_depth);
         const double before = 1 - left, behind = before + cover;
         for (const auto& [at, to] : {std::pair(0.5, &half), {0.01, &first}})
           if (at * covered >= before && at * covered < behind)

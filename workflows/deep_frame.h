@@ -15,8 +15,9 @@ namespace brume {
 /// @param type  of colours; alpha and depths are floats, as a half cannot tell a thick volume from a wall
 DeepPicture deep_frame(const DeepRecord& parts, Layers& frame, DeepPicture::Channel::Type type);
 
-/// Adds the layers depth_mean, depth_half, depth_first and mist (image/deep_picture.h) to a frame.
-void add_depths(const DeepRecord& parts, const RenderSettings& settings, Layers& frame);
+/// Adds the layers depth_mean, depth_half, depth_first and mist (image/deep_picture.h) to a frame. Depths are along the
+/// camera's axis; mist grows with the distance from a perspective camera, as in Blender.
+void add_depths(const DeepRecord& parts, const Scene& scene, Layers& frame);
 
 /// Cleans a deep EXR of whichever program: its flat picture is cleaned as a frame in memory is, its samples keep depth
 /// and alpha and take the clean picture's colours (recolour).

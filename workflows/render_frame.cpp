@@ -361,7 +361,7 @@ Scene neighbour(const Setup& s, int by) {
 /// the guides that nobody asked for.
 void use_depths(Setup& s, const DeepRecord& parts, Layers& frame) {
   using Type = DeepPicture::Channel::Type;
-  if (s.layers.depths) add_depths(parts, s.scene.render, frame);
+  if (s.layers.depths) add_depths(parts, s.scene, frame);
   if (s.motion)
     add_motion(
         parts, *std::move(s.motion), frame, [&](const std::string& text) { s.host.note(text); }, s.host.task("motion"));

@@ -122,7 +122,8 @@ void describe(Visitor& v, RenderSettings& r) {
   v({"light_groups", "",
      "every light without a group is one by itself, named after its kind: sky, sun, sun_2, point, mesh, fire, ..."},
     r.light_groups);
-  v({"mist_start", "scene units", "depth along the camera's axis at which the layer mist begins to grow from 0"},
+  v({"mist_start", "scene units",
+     "distance from the camera at which the layer mist begins to grow from 0; of an orthographic one depth"},
     r.mist_start);
   v({"mist_depth", "scene units", "from there on: where it is 1", 1e-9, 1e30}, r.mist_depth);
   v({.key = "mist_falloff",

@@ -136,5 +136,23 @@ TEST_F(Deep, DepthsOfWhatIsSeen) {
   EXPECT_NEAR(front.at("A")(middle.x, middle.y), -std::expm1(-0.6), 1e-3);
 }
 
+TEST_F(Deep, MistGrowsWithTheDistanceFromAPerspectiveCamera) {
+  // A wall 5 away, whose corners are farther from the eye; half the film's width is at tan = 0.5.
+  test::write_file(folder_ / "wall.obj", "v -9 0 -9\nv 9 0 -9\nv 9 0 9\nv -9 0 9\nf 1 2 3 4\n");
+  test::write_file(
+      folder_ / "wall.toml",
+      "name = \"wall\"\n[camera]\nfov_axis = \"x\"\nfov = 53.13010235415598\nposition = [0, -5, 0]\n"
+      "look_at = [0, 0, 0]\nup = [0, 0, 1]\n[environment]\nradiance = 0.5\n[[surfaces]]\nfile = \"wall.obj\"\n"
+      "[render]\nmist_start = 4\nmist_depth = 4\nmist_falloff = \"linear\"\n");
+  run("render " + path("wall.toml") + kTiny + "--layers depths -o " + path("f.exr") + " --crop 6,4,48,40");
+  const Layers frame = read_exr(path("f.exr"));
+  for (const ivec2& pixel : {ivec2(6, 4), ivec2(24, 20), ivec2(47, 39)}) {
+    const double x = (pixel.x + 0.5 - 24) / 24 * 0.5, y = (pixel.y + 0.5 - 20) / 24 * 0.5;
+    const double distance = 5 * std::sqrt(1 + x * x + y * y);
+    EXPECT_NEAR(frame.at("mist.Y")(pixel.x - 6, pixel.y - 4), (distance - 4) / 4, 1e-3);
+    EXPECT_NEAR(frame.at("depth_mean.Z")(pixel.x - 6, pixel.y - 4), 5, 1e-3);
+  }
+}
+
 }  // namespace
 }  // namespace brume

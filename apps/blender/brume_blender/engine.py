@@ -15,6 +15,7 @@ from .translate import CannotTranslate, translate
 from .viewport import close_viewport_of, viewport_of
 from .window import window_of
 
+THIS_FRAME = 1  # its number in the sequence that is given to the program for what moves
 LOOK = 0.05  # seconds between two looks at Esc
 # What the program remarks in words of scene files, by how it begins, in Blender's; empty: not at all.
 IN_BLENDERS_WORDS = {
@@ -156,16 +157,22 @@ class _Frame:
             set_frame=self._engine.frame_set,
             bakes=os.path.join(bpy.app.tempdir, "grids_baked_for_brume"),
             check=self._engine.check_break,
+            steps=self._layer.use_pass_vector,
         )
         for note in translation.notes:
             self._engine.say(note)
-        with open(self._path("scene.toml"), "w", encoding="utf-8") as file:
-            file.write(translation.text)
+        texts = {"scene": translation.text}
+        if translation.beside:
+            before, after = translation.beside
+            texts = {f"scene.{THIS_FRAME - 1}": before, f"scene.{THIS_FRAME}": translation.text, f"scene.{THIS_FRAME + 1}": after}
+        for name, text in texts.items():
+            with open(self._path(name + ".toml"), "w", encoding="utf-8") as file:
+                file.write(text)
 
     def _arguments(self):
         settings, render = self._scene.brume, self._scene.render
         extra = [p.name for p in self._passes if p.name not in passes.KNOWN]
-        words = ["render", self._path("scene.toml"), "-o", self._path("frame.exr"), "--updates", self._path("update.exr")]
+        words = ["render", *self._scene_words(), "-o", self._path("frame.exr"), "--updates", self._path("update.exr")]
         words += ["--layers", ",".join(passes.layers_for(self._passes, extra, self._transparent)), "--seed", settings.seed]
         if settings.use_clean:
             words += ["--clean", "--clean-filter", settings.filter]
@@ -189,6 +196,13 @@ class _Frame:
         if settings.use_fixed_seed:
             words += ["-D", "render.noise_frame=0"]
         return words
+
+    def _scene_words(self):
+        """The scene, or a sequence of those of the frames beside it, of which this one is rendered."""
+        if not self._layer.use_pass_vector:
+            return [self._path("scene.toml")]
+        noise = [] if self._scene.brume.use_fixed_seed else ["-D", f"render.noise_frame={max(self._original.frame_current, 0)}"]
+        return [self._path("scene.#.toml"), "--frames", THIS_FRAME, *noise]
 
     def _listen(self, child):
         """Until the program has ended. @return its exit status"""

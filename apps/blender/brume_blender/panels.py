@@ -203,7 +203,7 @@ class BRUME_VIEWLAYER_PT_passes(_BrumePanel, bpy.types.Panel):
         layout.use_property_split = True
         layout.use_property_decorate = False
         col = layout.column(heading="Data", align=True)
-        for name in ("z", "position", "normal"):
+        for name in ("z", "mist", "position", "normal", "vector"):
             col.prop(view_layer, f"use_pass_{name}")
         col = layout.column(heading="Volume", align=True)
         col.prop(view_layer.brume, "use_pass_volume_direct", text="Direct")

@@ -22,7 +22,7 @@ class Pass:
 
     @property
     def kind(self):
-        return {"Z": "VALUE", "Y": "VALUE", "A": "VALUE", "XYZ": "VECTOR"}.get(self.components, "COLOR")
+        return {"Z": "VALUE", "Y": "VALUE", "A": "VALUE", "XYZ": "VECTOR", "XYZW": "VECTOR"}.get(self.components, "COLOR")
 
 
 # What the passes of light are made of: all of it together, so that what is cleaned adds up.
@@ -38,6 +38,8 @@ KNOWN = {
         Pass("Depth", "Z", ("position", "surface_share")),
         Pass("Position", "XYZ", ("position", "surface_share")),
         Pass("Normal", "XYZ", ("normal",)),
+        Pass("Mist", "Z", ("depths",)),
+        Pass("Vector", "XYZW", ("motion",)),
         Pass("DiffCol", "RGB", LIGHT),
         Pass("DiffDir", "RGB", LIGHT),
         Pass("DiffInd", "RGB", LIGHT),
@@ -201,6 +203,11 @@ class Passes:
         z = -(position @ camera[:3, 2] + camera[3, 2])
         return np.where(met, z, NOTHING)[..., None]
 
+    def _vector(self):
+        """Pixels to where what is seen was, and from where it will be, y up."""
+        was, will = (self._frame.layer("motion." + side, "XY") * [1, -1] for side in ("previous", "next"))
+        return np.concatenate([was, -will], axis=-1)
+
     def _noisy(self):
         name = "noisy" if "noisy.R" in self._frame.channels else ""
         return picture(self._frame, self._transparent, name)
@@ -211,6 +218,8 @@ _MAKERS = {
     "Depth": lambda p: p._depth(),
     "Position": lambda p: p._position()[0],
     "Normal": lambda p: p._frame.layer("normal", "XYZ"),
+    "Mist": lambda p: p._frame.layer("mist", "Y"),
+    "Vector": lambda p: p._vector(),
     "DiffCol": lambda p: p._surface_colour(),
     "DiffDir": lambda p: p._over_colour(p._surface_direct()[0]),
     "DiffInd": lambda p: p._over_colour(p._surface_indirect()[0]),

@@ -136,6 +136,8 @@ def wanted_passes(view_layer):
         "Depth": view_layer.use_pass_z,
         "Position": view_layer.use_pass_position,
         "Normal": view_layer.use_pass_normal,
+        "Mist": view_layer.use_pass_mist,
+        "Vector": view_layer.use_pass_vector,
         "DiffDir": view_layer.use_pass_diffuse_direct,
         "DiffInd": view_layer.use_pass_diffuse_indirect,
         "DiffCol": view_layer.use_pass_diffuse_color,
@@ -157,7 +159,7 @@ def matte_settings(view_layer):
 
 # Blender's passes that brume has none of, by the end of their switch's name.
 LACKING = {
-    "mist": "Mist", "vector": "Vector", "uv": "UV", "ambient_occlusion": "AO", "shadow": "Shadow", "object_index": "IndexOB",
+    "uv": "UV", "ambient_occlusion": "AO", "shadow": "Shadow", "object_index": "IndexOB",
     "material_index": "IndexMA", "glossy_direct": "GlossDir", "glossy_indirect": "GlossInd", "glossy_color": "GlossCol",
     "transmission_direct": "TransDir", "transmission_indirect": "TransInd", "transmission_color": "TransCol",
     "subsurface_direct": "SubsurfaceDir", "subsurface_indirect": "SubsurfaceInd", "subsurface_color": "SubsurfaceCol",

@@ -23,10 +23,11 @@ from .fluids import domain_of, domain_tables
 from .instances import Instances
 from .lights import light_table
 from .meshes import MESH_LIKE
-from .motion import motion_of
+from .motion import key_of, motion_of
 from .notes import CannotTranslate, LeftOut, Notes
 from .placement import matrices_of
 from .places import Place
+from .steps import mist_keys, steps_of
 from .surfaces import Surfaces, is_held_out, mark_of
 from .toml_text import Table, toml_text
 from .volumes import factor_of, file_of, volume_shader_of, volume_tables
@@ -48,6 +49,7 @@ class Translation:
     shadow_catcher: bool = False  # whether the layers catcher and catcher_unshadowed show something
     volumes: int = 0  # how many there are to render
     reach: float = 0.0  # from the origin to what lies farthest from it
+    beside: list = field(default_factory=list)  # texts of the scene a frame before, and a frame after
 
 
 @dataclass
@@ -61,7 +63,7 @@ class View:
 
 def translate(
     depsgraph, scene, folder, *, frame=None, width=None, height=None, set_frame=None, scene_folder=None, bakes=None, view=None,
-    check=lambda: None,
+    check=lambda: None, steps=False,
 ):  # fmt: skip
     """Writes the meshes and pictures of a scene into a folder and returns the scene's text.
 
@@ -75,11 +77,12 @@ def translate(
     @param bakes  folder in which baked grids are kept for later renders; `folder` unless given
     @param view   View, of a viewport; `folder` is a Folder then, that stays the same from one translation to the next
     @param check  called now and then; may throw, to end it
+    @param steps  whether the frames beside this one are wanted, too, for what moves (Translation.beside); takes set_frame
     @throws CannotTranslate: there is no camera, or one of which brume has no counterpart; a volume's file is not there
     """
     files = folder if view is not None else Folder(folder, scene_folder, bakes)
     try:
-        return _Translator(depsgraph, scene, files, frame, (width, height), set_frame, view, check).run()
+        return _Translator(depsgraph, scene, files, frame, (width, height), set_frame, view, check, steps).run()
     except CannotTranslate:
         if view is None:
             files.remove()
@@ -87,7 +90,7 @@ def translate(
 
 
 class _Translator:
-    def __init__(self, depsgraph, scene, folder, frame, size, set_frame, view, check):
+    def __init__(self, depsgraph, scene, folder, frame, size, set_frame, view, check, steps):
         self._depsgraph, self._original, self._folder = depsgraph, scene, folder
         self._frame = scene.frame_current if frame is None else frame
         stretch = scene.render.frame_map_old / scene.render.frame_map_new
@@ -96,8 +99,10 @@ class _Translator:
         self._width, self._height = size[0] or own[0], size[1] or own[1]
         self._notes = Notes()
         self._set_frame, self._view, self._check = set_frame, view, check
+        self._wants_steps = steps
         self._shown = "show_render" if depsgraph.mode == "RENDER" else "show_viewport"  # switch of modifiers
         self._reach = 0.0  # from the origin to what lies farthest from it
+        self._trees = {}  # of shaders that have been read
         self._instances, self._corners = Instances(), {}  # corners: of volumes' boxes, by what they are of
 
     @property
@@ -108,16 +113,19 @@ class _Translator:
     def run(self):
         aspect = pixel_aspect_of(self._scene)
         size = (self._width, self._height, aspect)
-        self._motion = None
+        self._motion = self._steps = None
         if self._view is None:
-            camera_of(self._depsgraph, self._scene)  # none, none at all
-            self._motion = motion_of(self._depsgraph, self._scene, self._frame, self._set_frame, size, self._notes)
+            camera = camera_of(self._depsgraph, self._scene)
+            self._motion = motion_of(self._depsgraph, self._scene, camera, self._frame, self._set_frame, size, self._notes)
+            if self._wants_steps:
+                camera = camera_of(self._depsgraph, self._scene)
+                self._steps = steps_of(self._depsgraph, camera, self._frame, self._set_frame, size, self._notes)
         self._layer = self._view_layer()
         self._named = self._view is None and (self._layer.use_pass_cryptomatte_object or self._layer.use_pass_cryptomatte_material)
         self._surfaces = Surfaces(self._folder, self._notes, self._layer, self._bake, self._instances, self._named)
         self._camera = camera_of(self._depsgraph, self._scene) if self._view is None else None
         head = [
-            Table("[render]").set(frame=max(self._frame, 0)),
+            Table("[render]").set(frame=max(self._frame, 0), **(mist_keys(self._scene.world) if self._layer.use_pass_mist else {})),
             self._camera_table(size),
             film_table(self._scene, self._width, self._height, self._notes),
         ]
@@ -128,15 +136,19 @@ class _Translator:
             tables = [table for table in tables if not table.holds(type="sun")]
         tables = head + far + tables
         tables = self._instances.placed(tables, self._folder)
-        text = "\n".join(["\n".join(self._comment()), f"name = {toml_text(self._scene.name)}\n", *(t.text() for t in tables)])
+        beside = self._steps.tables(tables) if self._steps is not None else []
         return Translation(
-            text,
+            self._text(tables),
             self._notes.lines(),
             self._folder.files,
             self._surfaces.any_catcher,
             sum(table.header == "[[volumes]]" for table in tables),
             self._reach,
+            [self._text(other) for other in beside],
         )
+
+    def _text(self, tables):
+        return "\n".join(["\n".join(self._comment()), f"name = {toml_text(self._scene.name)}\n", *(t.text() for t in tables)])
 
     def _camera_table(self, size):
         if self._view is not None:
@@ -204,7 +216,10 @@ class _Translator:
                 self._notes.say(thing.name, "the light stands still while the shutter is open")
             return [light_table(instance, self._notes)]
         if kind == "VOLUME" or kind in MESH_LIKE:
-            return self._marked(self._placed(instance, thing), thing)
+            tables = self._marked(self._placed(instance, thing), thing)
+            if self._steps is not None:
+                self._steps.own(tables, instance)
+            return tables
         if kind not in UNSEEN:
             self._notes.say(thing.name, f"is left out: brume has no {LACKING.get(kind, kind.lower().replace('_', ' '))}")
         return []
@@ -241,7 +256,7 @@ class _Translator:
         if domain is not None:
             return domain_tables(
                 thing, self._materials(thing), domain, self._frame_of_files, self._place(instance, thing.bound_box), self._bake,
-                matrices, self._motion, self._scene, self._notes,
+                matrices, self._shutter(), self._scene, self._notes,
             )  # fmt: skip
         owner = instance.parent if instance.is_instance and instance.parent else thing
         return self._surfaces.tables(thing, owner, self._materials(thing), self._place(instance, thing.bound_box), matrices)
@@ -249,11 +264,10 @@ class _Translator:
     def _volume(self, instance, thing, matrices):
         materials, factor = self._materials(thing), factor_of(thing.data, instance.matrix_world)
         mark = mark_of(thing, self._layer, self._named)
-        key = (thing.data.as_pointer(), mark, *(material and material.name_full for material in materials))
+        key = (thing.data.as_pointer(), mark, self._alone(instance), *(material and material.name_full for material in materials))
 
         def made():
-            shutter = self._motion and self._motion.shutter
-            file = file_of(thing, factor, shutter, self._scene, self._frame_of_files, self._folder, self._shown)
+            file = file_of(thing, factor, self._shutter(), self._scene, self._frame_of_files, self._folder, self._shown)
             self._corners[key] = file.corners
             place = self._place(instance)
             tables = volume_tables(thing, materials, file, place, self._bake, matrices, self._notes)
@@ -276,7 +290,15 @@ class _Translator:
         """@param box  corners of the object's texture space; None: there is none"""
         corners = np.array([corner[:] for corner in box]) if box is not None else None
         box = None if corners is None else (corners.min(0), corners.max(0))
-        return Place(instance.object, instance.matrix_world, self._depsgraph, box, instance.random_id)
+        return Place(instance.object, instance.matrix_world, self._depsgraph, box, instance.random_id, self._alone(instance), self._trees)
+
+    def _alone(self, instance):
+        """What tells an instance that moves from frame to frame from others, none of which it can be a place of; None: it stands still."""
+        return key_of(instance) if self._steps is not None and self._steps.moves(instance) else None
+
+    def _shutter(self):
+        """[open, close] over which velocities are asked for [frames]; None: they are not."""
+        return self._motion.shutter if self._motion is not None else (0.0, 1.0) if self._steps is not None else None
 
     def _bake(self, shader, source):
         settings = getattr(self._scene, "brume", None)

@@ -145,9 +145,9 @@ def _temperature(ignition, hottest):
     return lambda flame: np.where(np.asarray(flame) > 0.01, ignition + np.asarray(flame) * (hottest - ignition), 0.0)
 
 
-def domain_tables(thing, materials, settings, frame, place, bake, matrices, motion, scene, notes):
+def domain_tables(thing, materials, settings, frame, place, bake, matrices, shutter, scene, notes):
     """@throws LeftOut"""
-    cache = FluidCache(thing, settings, frame, motion and motion.shutter, scene, notes)
+    cache = FluidCache(thing, settings, frame, shutter, scene, notes)
     if any(m is not None and output_of(tree_of(m), "Surface") is not None for m in materials):
         notes.say(thing.name, "the surface of the fluid's domain is left out")
     return volume_tables(thing, materials, cache, place, bake, matrices, notes)

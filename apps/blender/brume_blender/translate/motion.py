@@ -5,7 +5,7 @@ from dataclasses import dataclass, field
 
 import numpy as np
 
-from .camera import Sensor, camera_of, focus_of, pose_of, projection_of
+from .camera import Sensor, focus_of, pose_of, projection_of
 
 # Modifiers by which a mesh's shape follows something that may move.
 DEFORMING = {
@@ -44,9 +44,10 @@ class Moment:
     shapes: dict = field(default_factory=dict)  # by an object's name: a digest of what deforms
 
 
-def moment(depsgraph, scene, width, height, pixel_aspect):
+def moment(depsgraph, camera, width, height, pixel_aspect):
+    """@param camera  the original of this frame, even where a marker changes it at the time at which the depsgraph is"""
     m = Moment()
-    camera = camera_of(depsgraph, scene)
+    camera = camera.evaluated_get(depsgraph)
     m.focus = focus_of(camera, depsgraph) if camera.data.dof.use_dof else 0
     m.camera = pose_of(camera, m.focus or 1.0)
     m.projection = projection_of(camera, Sensor(camera.data, width, height, pixel_aspect))
@@ -94,8 +95,8 @@ class Motion:
         return self.opens.shapes.get(thing.name) != self.closes.shapes.get(thing.name)
 
 
-def motion_of(depsgraph, scene, frame, set_frame, size, notes):
-    """None: nothing is blurred. @param set_frame  function of (frame, subframe) that evaluates the depsgraph then; None:
+def motion_of(depsgraph, scene, camera, frame, set_frame, size, notes):
+    """None: nothing is blurred. @param camera  of this frame   @param set_frame  function of (frame, subframe) that evaluates the depsgraph then; None:
     there is none   @param size  width, height, pixel aspect"""
     shutter = shutter_of(scene)
     if shutter is None:
@@ -103,12 +104,12 @@ def motion_of(depsgraph, scene, frame, set_frame, size, notes):
     if set_frame is None:
         notes.say("Motion blur", "is left out: the scene is known at one time alone")
         return None
-    moments = []
+    moments, original = [], camera.original
     try:
         for t in shutter:
             whole = math.floor(frame + t)
             set_frame(whole, frame + t - whole)
-            moments.append(moment(depsgraph, scene, *size))
+            moments.append(moment(depsgraph, original, *size))
     finally:
         set_frame(frame, 0.0)
     _say_settings(scene, notes)

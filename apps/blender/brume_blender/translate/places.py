@@ -7,11 +7,16 @@ from .node_values import UnknownNode
 
 class Place:
     """@param thing  evaluated object   @param world  its matrix   @param box  (lowest, highest) corner of its texture space, or
-    None: its own space is that   @param random_id  of its instance   @param depsgraph  that evaluates others"""
+    None: its own space is that   @param random_id  of its instance   @param depsgraph  that evaluates others
+    @param trees  of shaders that have been read (frozen.frozen)
+    @param alone  what tells an instance from others that are alike, where it moves by itself; None: nothing has to"""
 
-    def __init__(self, thing, world, depsgraph=None, box=None, random_id=0):
-        self._thing, self._world, self._depsgraph, self._box = thing, np.array(world), depsgraph, box
+    def __init__(self, thing, world, depsgraph=None, box=None, random_id=0, alone=None, trees=None):
+        self._world, self.depsgraph, self._box = np.array(world), depsgraph, box
+        self._colour, self._index = (tuple(thing.color), float(thing.pass_index)) if thing is not None else ((1, 1, 1, 1), 0.0)
+        self.trees = {} if trees is None else trees
         self._random = (random_id & 0xFFFFFFFF) / 0xFFFFFFFF  # Python has it signed
+        self.alone = alone
         self.paths = False  # whether Light Path was asked for
         self.told = False  # whether anything was asked for that differs between objects, or instances, that are alike
 
@@ -47,15 +52,15 @@ class Place:
         if node.object is None:
             return points
         self.told = True
-        other = node.object.evaluated_get(self._depsgraph) if self._depsgraph is not None else node.object
+        other = node.object.evaluated_get(self.depsgraph) if self.depsgraph is not None else node.object
         return _moved(np.linalg.inv(np.array(other.matrix_world)) @ self._world, points)
 
     def _info(self, name):
         values = {
             "Location": self._world[:3, 3],
-            "Color": np.array(self._thing.color[:3]),
-            "Alpha": self._thing.color[3],
-            "Object Index": float(self._thing.pass_index),
+            "Color": np.array(self._colour[:3]),
+            "Alpha": self._colour[3],
+            "Object Index": self._index,
             "Random": self._random,
         }
         if name not in values:

@@ -84,7 +84,7 @@ class Surfaces:
             return made()[0]
         key, materials = mesh
         mark = mark_of(thing, self._view_layer, self._named)
-        return self._instances.tables((key, mark, *(m and m.name_full for m in materials)), matrices[0], 1.0, made)
+        return self._instances.tables((key, mark, place.alone, *(m and m.name_full for m in materials)), matrices[0], 1.0, made)
 
     def _surface(self, thing, key, geometry, part, material, place, matrices):
         """@param part  the material's slot, of how many, and which triangles are of it"""
