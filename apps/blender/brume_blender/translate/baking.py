@@ -13,7 +13,6 @@ import numpy as np
 
 from . import lattices
 from .lattices import NoLattice
-from .nodes import signature
 from .volume_parts import Glow, Part
 
 BLOCK = 8  # voxels: of OpenVDB's leaves, in whose whole blocks Cycles evaluates a shader
@@ -80,7 +79,7 @@ class _Field:
         self.master = ordered[0]
         self.bias = self.lost = 0.0
         self._probe(lattices.blocks_around(ordered, source.least, BLOCK))
-        key = hashlib.sha1(repr((source.state(), signature(shader.tree), len(self.blocks))).encode() + self.digest()).digest()
+        key = hashlib.sha1(repr((source.state(), shader.signature, len(self.blocks))).encode() + self.digest()).digest()
         if len(self.blocks) and key not in _FILLED:
             if len(_FILLED) >= 64:
                 _FILLED.clear()
@@ -256,7 +255,7 @@ class _Bake:
         """Writes the grids, or finds them as they were written before. @return the largest value of each"""
         copied = self._source.to_copy({c.colour_grid for c in self._field.closures if c.colour_grid})
         key = hashlib.sha1(
-            repr((self._source.state(), signature(self._shader.tree), k, copied, len(self._field.blocks))).encode()
+            repr((self._source.state(), self._shader.signature, k, copied, len(self._field.blocks))).encode()
             + self._field.digest()
         ).hexdigest()
         path = self._folder.bake(self._shader.name, key)

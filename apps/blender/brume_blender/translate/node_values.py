@@ -148,9 +148,16 @@ def _looked_up(table, x):
     return table[low] + (at - low)[..., None] * (table[low + 1] - table[low])
 
 
+def ramp_table(ramp):
+    """(TABLE, 4): a ramp's colours, evenly from 0 to 1."""
+    if hasattr(ramp, "table"):  # frozen
+        return ramp.table
+    return np.array([ramp.evaluate(i / (TABLE - 1)) for i in range(TABLE)])
+
+
 def _colour_ramp(values, plug):
     ramp = plug.node.color_ramp
-    table = np.array([ramp.evaluate(i / (TABLE - 1)) for i in range(TABLE)])
+    table = ramp_table(ramp)
     x = np.asarray(values.number(plug.input("Fac", "Factor")), float)
     if ramp.interpolation == "CONSTANT" and ramp.color_mode == "RGB":
         result = table[(np.clip(x, 0, 1) * (TABLE - 1)).astype(int)]
@@ -159,14 +166,22 @@ def _colour_ramp(values, plug):
     return result[..., 3] if plug.socket.name == "Alpha" else result[..., :3]
 
 
-def _curve(mapping, curve, x):
-    """Of CurveMapping: straight beyond its ends where it says so."""
+def curve_table(mapping, curve):
+    """Where a curve of a CurveMapping is known, and its values there."""
+    if hasattr(curve, "table"):  # frozen
+        return curve.table
     lo, hi = mapping.clip_min_x, mapping.clip_max_x
     if not mapping.use_clip:
         points = [p.location[0] for p in curve.points]
         lo, hi = min(lo, *points), max(hi, *points)
     xs = np.linspace(lo, hi, TABLE)
-    ys = np.array([mapping.evaluate(curve, v) for v in xs])
+    return xs, np.array([mapping.evaluate(curve, v) for v in xs])
+
+
+def _curve(mapping, curve, x):
+    """Straight beyond its ends where the mapping says so."""
+    xs, ys = curve_table(mapping, curve)
+    lo, hi = xs[0], xs[-1]
     x = np.asarray(x, float)
     y = np.interp(x, xs, ys)
     if mapping.extend == "EXTRAPOLATED":

@@ -11,6 +11,7 @@ from typing import Callable
 import numpy as np
 
 from .colour import blackbody
+from .frozen import frozen, signature_of
 from .node_values import UnknownNode, Values
 
 SIGMA = 5.670373e-8 * 1e-6 / np.pi  # Stefan and Boltzmann's, in Blender's units of brightness
@@ -105,7 +106,8 @@ class VolumeShader:
         )
         self._missing = set()
         self.closures = []
-        self.tree = plug.node.id_data if plug is not None else None  # of the material, or of a group in it
+        plug = plug and frozen(plug, place.depsgraph, place.trees)
+        self.signature = plug and signature_of(plug)
         factor = source.factor if source is not None else 1.0
         if plug is not None:
             self._collect(plug.resolve(), lambda values: factor)
