@@ -18,7 +18,7 @@ sys.path.insert(0, os.path.dirname(os.path.abspath(__file__)))
 import addon_scene as scenes  # noqa: E402
 import brume_blender.translate as package  # noqa: E402
 from brume_blender import live, region  # noqa: E402
-from brume_blender.translate import Folder, View, translate  # noqa: E402
+from brume_blender.translate import Bakes, Folder, View, translate  # noqa: E402
 from brume_blender.translate.camera import camera_table  # noqa: E402
 from brume_blender.translate.notes import Notes  # noqa: E402
 
@@ -89,7 +89,9 @@ class Viewing(unittest.TestCase):
         self.path = folder.name
         self.scene = scenes.smoke_scene()
         self.folder = Folder(self.path)
-        self.view = View(types.SimpleNamespace(), 100.0)
+        bakes = Bakes()
+        self.addCleanup(bakes.close)
+        self.view = View(types.SimpleNamespace(), 100.0, bakes)
         bpy.context.view_layer.update()
 
     def translated(self):

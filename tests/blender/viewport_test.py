@@ -91,6 +91,14 @@ class Viewport(unittest.TestCase):
         self.assertEqual(self.seen["meshes_written_again"], 0)
         self.assertEqual(len(self.seen["meshes"]), 1, "the floor as it is, not as it was")
 
+    def test_volume_shaders_are_baked_beside_while_the_picture_stays(self):
+        self.assertRegex(self.seen["baking"], r"^baking Smoke \.\.\. \| ")
+        self.assertTrue(self.seen["stays_while_baking"])
+        self.assertEqual(self.seen["cancelled"], [1], "the shader changed")
+        self.assertFalse(self.seen["bakes_in_main_thread"])
+        self.assertTrue(self.seen["baked"])
+        self.assertEqual(self.seen["bakes"], 3, "what was baked before is known")
+
     def test_transparent_films_have_alpha(self):
         self.assertLess(self.seen["alpha"][0], 0.01)
         self.assertGreater(self.seen["alpha"][1], 0.9)

@@ -8,6 +8,7 @@ import json
 import os
 import signal
 import sys
+import threading
 import time
 import traceback
 
@@ -19,6 +20,7 @@ from mathutils import Quaternion
 sys.path.insert(0, os.path.join(os.environ["BRUME_SOURCE"], "apps", "blender"))
 addon_utils.enable("brume_blender", default_set=True)
 from brume_blender import viewport as own  # noqa: E402
+from brume_blender.translate import beside  # noqa: E402
 
 SCENE, FOLDER = sys.argv[sys.argv.index("--") + 1 :]
 PATIENCE = 120  # seconds for a picture, whatever the machine
@@ -118,6 +120,8 @@ class Scenario:
         yield self.answered()
         seen["meshes_written_again"] = len(set(os.listdir(views()[0]._path)) - files)
 
+        yield from self.bakes(density)
+
         mesh = bpy.data.objects["Floor"].data
         mesh.vertices[0].co.x *= 0.2
         mesh.update()
@@ -182,6 +186,51 @@ class Scenario:
         self.space.shading.type = "RENDERED"
         yield self.later(self.answered(whole=False))
         seen["pid"] = views()[0]._live.pid
+
+    def bakes(self, density):
+        """A shader that has to be baked, by a bake that takes as long as this lets it."""
+        view, original, began, cancelled, gate = views()[0], beside.bake, [], [], threading.Event()
+
+        def slow(shader, source, folder, most_voxels, notes, check):
+            began.append(threading.current_thread() is threading.main_thread())
+            while not gate.is_set():
+                try:
+                    check()
+                except beside.Cancelled:
+                    cancelled.append(len(began))
+                    raise
+                time.sleep(0.01)
+            return original(shader, source, folder, most_voxels, notes, check)
+
+        beside.bake = slow
+        tree, revision, text = density.id_data, view._revision, view._text
+        noise, times = tree.nodes.new("ShaderNodeTexNoise"), tree.nodes.new("ShaderNodeMath")
+        times.operation, times.inputs[1].default_value = "MULTIPLY", 30
+        tree.links.new(noise.outputs["Fac"], times.inputs[0])
+        tree.links.new(times.outputs[0], density)
+        yield lambda: view._baking and began
+        seen["baking"] = view._state()
+        for _ in range(2):  # Blender draws, and the picture follows, of the scene as it was
+            before = view._number
+            self.space.region_3d.view_rotation = self.space.region_3d.view_rotation @ Quaternion((0, 1, 0), 0.1)
+            yield lambda: self.shown(after=before)
+        seen["stays_while_baking"] = (view._revision, view._text) == (revision, text)
+        noise.inputs["Scale"].default_value = 3
+        yield lambda: len(began) == 2
+        seen["cancelled"], seen["bakes_in_main_thread"] = list(cancelled), any(began)
+        gate.set()
+        yield lambda: not view._baking
+        yield self.later(self.answered())
+        seen["baked"] = view._revision > revision and "baked_0" in view._text
+        self.screenshot("baked")
+        times.inputs[1].default_value = 20
+        yield lambda: len(began) == 3 and not view._baking
+        times.inputs[1].default_value = 30  # known
+        yield self.later(lambda: "baked_0" in view._text and not view._baking)
+        seen["bakes"] = len(began)
+        beside.bake = original
+        tree.links.remove(density.links[0])
+        yield self.later(self.answered())
 
     def later(self, condition):
         """Not before Blender has drawn."""

@@ -167,9 +167,18 @@ LACKING = {
 }  # fmt: skip
 
 
+# And of Cycles' own settings.
+LACKING_OF_CYCLES = {
+    "use_pass_shadow_catcher": "Shadow Catcher", "pass_debug_sample_count": "Debug Sample Count",
+    "denoising_store_passes": "Denoising Data",
+}  # fmt: skip
+
+
 def lacking_passes(view_layer):
     """Names of passes that a view layer asks for and that brume lacks."""
     names = [name for switch, name in LACKING.items() if getattr(view_layer, "use_pass_" + switch, False)]
+    cycles = getattr(view_layer, "cycles", None)
+    names += [name for switch, name in LACKING_OF_CYCLES.items() if getattr(cycles, switch, False)]
     return names + [f"{aov.name} (AOV)" for aov in view_layer.aovs] + [f"{group.name} (light group)" for group in view_layer.lightgroups]
 
 

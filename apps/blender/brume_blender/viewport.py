@@ -18,7 +18,7 @@ from .child import CannotStart
 from .live import Live
 from .properties import preferred_program
 from .region import camera_of, place_of
-from .translate import CannotTranslate, Folder, View, translate
+from .translate import Bakes, CannotTranslate, Folder, View, translate
 
 LOOK = 0.015  # seconds between two looks for news
 PROBLEM_COLOUR = (1.0, 0.45, 0.1, 1.0)  # linear
@@ -49,6 +49,7 @@ class Viewport:
         self._folder = Folder(self._path, bakes=os.path.join(bpy.app.tempdir, "grids_baked_for_brume"))
         self._live, self._problem, self._remarks = None, None, []
         self._text, self._revision = None, 0
+        self._bakes, self._baking, self._whole = Bakes(), [], False  # whether the scene's text has all that is baked
         self._look, self._number, self._frame = None, 0, None
         self._reach, self._extent = REACH, 0.0  # from the origin: to where the view may be, to what lies farthest from it
         self._shown, self._texture, self._place = None, None, None
@@ -61,6 +62,7 @@ class Viewport:
         if self._live is not None:
             self._live.close()
             self._live = None
+        self._bakes.close()
         shutil.rmtree(self._path, ignore_errors=True)
 
     def update(self, context, depsgraph):
@@ -89,8 +91,9 @@ class Viewport:
         self._frame = frame
 
     def _translate(self, context, depsgraph):
+        self._bakes.begin()
         try:
-            view = View(context.space_data, self._reach)
+            view = View(context.space_data, self._reach, self._bakes)
             translation = translate(depsgraph, depsgraph.scene, self._folder, frame=depsgraph.scene.frame_current, view=view)
         except CannotTranslate as reason:
             self._problem = str(reason)
@@ -98,7 +101,15 @@ class Viewport:
         except Exception as bug:  # which F12 shows in full: a viewport has one line
             self._problem = f"the scene cannot be translated ({type(bug).__name__}: {bug}); F12 says where"
             return
-        self._problem, self._remarks, self._extent = None, translation.notes, translation.reach
+        finally:
+            self._baking = self._bakes.settle()
+            if self._baking:
+                self._look_for_news()
+        self._problem = None
+        if self._baking and self._whole:
+            return  # the last picture stays
+        self._whole = not self._baking
+        self._remarks, self._extent = translation.notes, translation.reach
         if translation.text == self._text and not (self._live is not None and self._live.ended()):
             return
         part = os.path.join(self._path, "scene.toml.part")
@@ -130,6 +141,9 @@ class Viewport:
                 self._problem = str(reason)
                 return
         self._look, self._number = look, self._live.look(moving=True, frame=None, **look)
+        self._look_for_news()
+
+    def _look_for_news(self):
         if not bpy.app.timers.is_registered(self._timer):
             bpy.app.timers.register(self._timer, first_interval=LOOK)
 
@@ -155,14 +169,17 @@ class Viewport:
     def _tick(self):
         """Of a timer: has the viewport drawn when something has come."""
         engine = self._engine()
-        if engine is None or self._live is None:
+        if engine is None:
             return None
         try:
-            if self._live.news():
+            if self._bakes.news():
+                engine.tag_update()  # Blender asks for the scene once more
+            if self._live is not None and self._live.news():
                 engine.tag_redraw()
         except ReferenceError:  # Blender has ended it
             return None
-        return None if self._live.rests() else LOOK
+        rests = self._live is None or self._live.rests()
+        return None if rests and not self._bakes.busy() else LOOK
 
     # The picture
 
@@ -222,6 +239,12 @@ class Viewport:
         blf.disable(font, blf.WORD_WRAP | blf.SHADOW)
 
     def _state(self):
+        if not self._baking:
+            return self._picture_state()
+        more = f" and {len(self._baking) - 1} more" if len(self._baking) > 1 else ""
+        return f"baking {self._baking[0]}{more} ... | {self._picture_state()}"
+
+    def _picture_state(self):
         if self._shown is None:
             return "reading the scene"
         about = self._shown.about

@@ -15,6 +15,7 @@ import numpy as np
 from mathutils import Vector
 
 from .baking import MILLIONS, VIEWPORT_MILLIONS, bake
+from .beside import Bakes
 from .camera import camera_of, camera_table, say_clipped
 from .files import Folder
 from .film import film_size, film_table, pixel_aspect_of
@@ -33,7 +34,7 @@ from .toml_text import Table, toml_text
 from .volumes import factor_of, file_of, volume_shader_of, volume_tables
 from .world import world_of, world_tables
 
-__all__ = ["CannotTranslate", "Folder", "Translation", "View", "translate"]
+__all__ = ["Bakes", "CannotTranslate", "Folder", "Translation", "View", "translate"]
 
 # What is never seen: cameras, helpers.
 UNSEEN = ("CAMERA", "EMPTY", "ARMATURE", "LATTICE", "LIGHT_PROBE", "SPEAKER")
@@ -59,6 +60,7 @@ class View:
 
     space: object  # its SpaceView3D, which decides what is shown
     reach: float  # from the origin to where it may look from
+    bakes: Bakes  # that run beside it
 
 
 def translate(
@@ -217,6 +219,8 @@ class _Translator:
             return [light_table(instance, self._notes)]
         if kind == "VOLUME" or kind in MESH_LIKE:
             tables = self._marked(self._placed(instance, thing), thing)
+            if not self._scene.render.film_transparent and any(table.holds(role="holdout") for table in tables):
+                self._notes.say(thing.name, "leaves a hole in the picture, but none in its alpha unless Film > Transparent is on")
             if self._steps is not None:
                 self._steps.own(tables, instance)
             return tables
@@ -304,7 +308,7 @@ class _Translator:
         settings = getattr(self._scene, "brume", None)
         millions = settings.bake_millions if settings else MILLIONS
         if self._view is not None:
-            millions = min(millions, VIEWPORT_MILLIONS)
+            return self._view.bakes.bake(shader, source, self._folder, 1e6 * min(millions, VIEWPORT_MILLIONS), self._notes)
         return bake(shader, source, self._folder, 1e6 * millions, self._notes, self._check)
 
     def _say_visibility(self, thing):

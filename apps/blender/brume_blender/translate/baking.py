@@ -24,7 +24,7 @@ _FILLED = {}  # blocks that hold something, by a digest of field and blocks
 PROBES = 8192
 BATCH = 1 << 16  # points at once
 MILLIONS = 16  # of voxels, unless the scene says otherwise
-VIEWPORT_MILLIONS = 0.5  # at most in a viewport, which waits for them
+VIEWPORT_MILLIONS = 0.5  # at most in a viewport, whose picture waits for them
 
 
 @dataclass
@@ -34,11 +34,23 @@ class Baked:
     closures: list
     parts: list = field(default_factory=list)
     glows: list = field(default_factory=list)
+    files: list = field(default_factory=list)  # arguments of a source's add_baked
+
+    def tell(self, source):
+        """Tells the source of the grids where those are that were baked of them."""
+        for file in self.files:
+            source.add_baked(*file)
 
 
 def bake(shader, source, folder, most_voxels, notes, check=lambda: None):
     """@param source  of grids: lattice(name), add_baked(path, grids, k, master), least: values up to which are nothing
     @param check   called several times a second; may throw"""
+    baked = _baked(shader, source, folder, most_voxels, notes, check)
+    baked.tell(source)
+    return baked
+
+
+def _baked(shader, source, folder, most_voxels, notes, check):
     try:
         chosen = [closure for closure in shader.closures if _needs_bake(shader, closure, source, check)]
         if not chosen:
@@ -49,22 +61,33 @@ def bake(shader, source, folder, most_voxels, notes, check=lambda: None):
         return Baked(shader.closures)
 
 
+def nothing_to_bake(shader, source):
+    """Whether that is so, as known without a look at the grids."""
+    return all(_bends(shader, closure, source) is False for closure in shader.closures)
+
+
 def _needs_bake(shader, closure, source, check):
+    bends = _bends(shader, closure, source)
+    if bends is not None:
+        return bends
+    field_ = _Field(shader, [closure], source, check)
+    return len(field_.blocks) > 0 and not field_.keeps(1)
+
+
+def _bends(shader, closure, source):
+    """Whether a closure is more than a curve of one grid; None: the grid tells whether the curve bends within its voxels."""
     if source.virtual:
         return True
     used = shader.used(closure)
     if not used:  # as wide as the other closures' grids; alone it is nothing that Cycles renders
-        return any(map(shader.used, shader.closures)) and (shader.bends_space(closure) or shader.evaluate(closure, {}).any())
+        return any(map(shader.used, shader.closures)) and (shader.bends_space(closure) or bool(shader.evaluate(closure, {}).any()))
     if len(used) > 1 or shader.bends_space(closure) or used[0] in source.colours or shader.derived(closure):
         return True
     if shader.evaluate(closure, {used[0]: np.zeros(1)}).any():
         return True
     if closure.kind in ("emission", "black_body") or shader.is_linear(closure, used[0]):
         return False  # curves of emission act between voxels in brume, too
-    if lattices.openvdb is None:
-        return False
-    field_ = _Field(shader, [closure], source, check)
-    return len(field_.blocks) > 0 and not field_.keeps(1)
+    return False if lattices.openvdb is None else None
 
 
 class _Field:
@@ -80,12 +103,13 @@ class _Field:
         self.bias = self.lost = 0.0
         self._probe(lattices.blocks_around(ordered, source.least, BLOCK))
         key = hashlib.sha1(repr((source.state(), shader.signature, len(self.blocks))).encode() + self.digest()).digest()
-        if len(self.blocks) and key not in _FILLED:
-            if len(_FILLED) >= 64:
-                _FILLED.clear()
-            _FILLED[key] = self._filled()
         if len(self.blocks):
-            self._probe(_FILLED[key])
+            filled = _FILLED.get(key)  # of which other threads know, too
+            if filled is None:
+                if len(_FILLED) >= 64:
+                    _FILLED.clear()
+                filled = _FILLED[key] = self._filled()
+            self._probe(filled)
 
     def _probe(self, blocks):
         """Keeps to some blocks, and looks at random points in them."""
@@ -193,7 +217,7 @@ class _Bake:
         uses = [use for i in range(len(self._field.closures)) for use in self._split(i)]
         if not self._scalars:
             return made
-        peaks = self._file(k)
+        peaks = self._file(k, made)
         for closure, number, colour in uses:
             grid = self._name(number)
             if closure.kind == "scatter":
@@ -251,8 +275,8 @@ class _Bake:
     def _name(self, number):
         return f"baked_{number}"
 
-    def _file(self, k):
-        """Writes the grids, or finds them as they were written before. @return the largest value of each"""
+    def _file(self, k, made):
+        """Writes the grids, or finds them as they were written before. @param made  Baked   @return the largest value of each"""
         copied = self._source.to_copy({c.colour_grid for c in self._field.closures if c.colour_grid})
         key = hashlib.sha1(
             repr((self._source.state(), self._shader.signature, k, copied, len(self._field.blocks))).encode()
@@ -266,7 +290,7 @@ class _Bake:
             grids = dict(zip(names, self._computed(k)))
             blocks = (self._field.blocks * k).astype(int)
             lattices.write(path, grids, self._source.stored_matrix(matrix, k), blocks, copied)
-        self._source.add_baked(self._folder.named(path), names, k, self._field.master)
+        made.files.append((self._folder.named(path), names, k, self._field.master))
         return [lattices.peak(path, name) for name in names]
 
     def _computed(self, k):

@@ -1,8 +1,10 @@
 """The folder that meshes and pictures of a translation are written into, or of several, one after another."""
 
+import contextlib
 import os
 import re
 
+GRIDS = "grids"  # begins keys of `written` of files of grids that Blender has computed
 MOST_BAKED = 4 << 30  # bytes of baked grids that are kept; the oldest go first
 
 
@@ -43,13 +45,17 @@ class Folder:
         return path
 
     def _forget_old_bakes(self):
-        files = [entry for entry in os.scandir(self._bakes) if entry.name.endswith(".vdb")]
-        sizes = sorted(((entry.stat().st_mtime, entry.stat().st_size, entry.path) for entry in files), reverse=True)
+        sizes = []
+        for entry in os.scandir(self._bakes):
+            with contextlib.suppress(FileNotFoundError):  # another thread was quicker
+                if entry.name.endswith(".vdb") and ".part." not in entry.name:
+                    sizes.append((entry.stat().st_mtime, entry.stat().st_size, entry.path))
         total = 0
-        for _, size, path in sizes:
+        for _, size, path in sorted(sizes, reverse=True):
             total += size
             if total > MOST_BAKED:
-                os.remove(path)
+                with contextlib.suppress(FileNotFoundError):
+                    os.remove(path)
 
     def forget_geometry(self, names):
         """What was read of changed objects or meshes, and what was written of it."""
@@ -59,8 +65,9 @@ class Folder:
         self.written = {key: value for key, value in self.written.items() if gone.isdisjoint(key) and names.isdisjoint(key)}
 
     def remove_unused(self, text):
-        """Files that a scene does not name."""
-        for path in [path for path in self.files if os.path.basename(path) not in text]:
+        """Files that a scene does not name, but for grids that others are baked of."""
+        kept = {path for key, path in self.written.items() if key[0] == GRIDS}
+        for path in [path for path in self.files if os.path.basename(path) not in text and path not in kept]:
             self.files.remove(path)
             if os.path.exists(path):
                 os.remove(path)

@@ -36,7 +36,7 @@ def frozen(plug, depsgraph, trees):
 
 
 def signature_of(plug):
-    """Text that is the same for frozen plugs whose trees compute the same, but for objects' places."""
+    """Text that is the same for frozen plugs whose trees compute the same."""
     return "\n".join(tree.signature for tree in (plug.node.id_data, *(group.id_data for group in plug.groups)))
 
 
@@ -63,6 +63,8 @@ def _tree(tree, depsgraph, trees):
                 source, target = (made.sockets[s.as_pointer()] for s in (link.from_socket, link.to_socket))
                 target.links.append(Frozen(from_socket=source, to_socket=target, is_valid=True))
                 source.is_linked = target.is_linked = True
+        objects = [node.object for node in made.nodes if getattr(node, "object", None) is not None]
+        made.signature += "".join(f"\n{thing.matrix_world.tolist()}" for thing in objects)
     return trees[key]
 
 

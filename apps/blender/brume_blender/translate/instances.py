@@ -48,7 +48,7 @@ class Instances:
     """All volumes of a translation that may stand at several places."""
 
     def __init__(self):
-        self._known = {}  # by key: Standing, or the LeftOut of a volume that is none
+        self._known = {}  # by key: Standing, or why a volume is none
         self._all = []
 
     def tables(self, key, matrix, factor, make):
@@ -56,15 +56,15 @@ class Instances:
         @param key  equal for what is equal but for its place   @param factor  on all that its shader computes
         @param make  function that returns the tables, and whether others of the key are the same elsewhere   @throws LeftOut"""
         known = self._known.get(key)
-        if isinstance(known, LeftOut):
-            raise known
+        if isinstance(known, str):
+            raise LeftOut(known)
         if known is not None and known.takes(factor):
             known.add(matrix, factor)
             return []
         try:
             tables, anywhere = make()
         except LeftOut as reason:
-            self._known[key] = reason
+            self._known[key] = str(reason)  # an error would keep all that called alive
             raise
         if not anywhere:
             return self._by_factor(key, matrix, tables)

@@ -2,6 +2,7 @@
 
 import functools
 import os
+import threading
 
 import numpy as np
 
@@ -124,7 +125,7 @@ def write(path, grids, matrix, blocks, copied):
             grid.copyFromArray(np.ascontiguousarray(cube, np.float32), ijk=tuple(lo))
         made.append(grid)
     made += [openvdb.read(copied[0], name) for name in copied[1]]
-    part = f"{path}.{os.getpid()}.part.vdb"
+    part = f"{path}.{os.getpid()}.{threading.get_ident()}.part.vdb"
     openvdb.write(part, made)
     os.replace(part, path)
 

@@ -14,10 +14,10 @@ DEFORMING = {
 }  # fmt: skip
 
 
-def shutter_of(scene):
-    """[open, close] around the frame [frames]; None: no motion blur."""
+def shutter_of(scene, layer):
+    """[open, close] around the frame [frames]; None: no motion blur. @param layer  the view layer"""
     render = scene.render
-    if not render.use_motion_blur or not render.motion_blur_shutter > 0:
+    if not render.use_motion_blur or not getattr(layer, "use_motion_blur", True) or not render.motion_blur_shutter > 0:
         return None
     # A setting of Cycles until it became one of the scene.
     position = getattr(render, "motion_blur_position", None) or getattr(
@@ -98,7 +98,7 @@ class Motion:
 def motion_of(depsgraph, scene, camera, frame, set_frame, size, notes):
     """None: nothing is blurred. @param camera  of this frame   @param set_frame  function of (frame, subframe) that evaluates the depsgraph then; None:
     there is none   @param size  width, height, pixel aspect"""
-    shutter = shutter_of(scene)
+    shutter = shutter_of(scene, depsgraph.view_layer)
     if shutter is None:
         return None
     if set_frame is None:

@@ -24,6 +24,12 @@ class Notes:
         if thing not in names:
             names.append(thing)
 
+    def tell(self, other):
+        """Says all of it to other Notes."""
+        for text, names in self._things.items():
+            for name in names:
+                other.say(name, text)
+
     def lines(self):
         return [self._names(names) + ": " + text for text, names in self._things.items()]
 

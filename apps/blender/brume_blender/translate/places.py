@@ -20,6 +20,14 @@ class Place:
         self.paths = False  # whether Light Path was asked for
         self.told = False  # whether anything was asked for that differs between objects, or instances, that are alike
 
+    def box_key(self):
+        """Equal for places of the same texture space."""
+        return None if self._box is None else tuple(np.ravel(self._box))
+
+    def key(self):
+        """Equal for places at which everything is the same."""
+        return self._world.tobytes(), self._colour, self._index, self._random
+
     def leaf(self, plug, points):
         """What an output is at points of the object's space, (N, 3); None: it is none of a place's. @throws UnknownNode"""
         node, name = plug.node, plug.socket.name

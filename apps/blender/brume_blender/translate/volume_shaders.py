@@ -100,7 +100,7 @@ class VolumeShader:
     none (fog in a mesh)   @param place  a Place"""
 
     def __init__(self, plug, name, source, place, notes):
-        self.name, self._place, self._notes = name, place, notes
+        self.name, self.place, self.notes = name, place, notes
         self._grids, self._colours, self._constants, self._derived = (
             (source.grids, source.colours, source.constants, source.derived) if source is not None else ([], [], {}, {})
         )
@@ -119,9 +119,9 @@ class VolumeShader:
     def _say_what_is_missing(self):
         for name in sorted(self._missing) if self._grids else ():
             there = ", ".join([*self._grids, *self._colours, *self._derived]) or "none"
-            self._notes.say(self.name, f"its shader asks for the grid '{name}', which there is not: it is 0; there are: {there}")
-        if self._place is not None and self._place.paths:
-            self._notes.say(self.name, "its volume is the same for rays of every kind: what Light Path tells is 0")
+            self.notes.say(self.name, f"its shader asks for the grid '{name}', which there is not: it is 0; there are: {there}")
+        if self.place is not None and self.place.paths:
+            self.notes.say(self.name, "its volume is the same for rays of every kind: what Light Path tells is 0")
 
     def used(self, closure):
         """The grids that a coefficient depends on."""
@@ -143,7 +143,7 @@ class VolumeShader:
     def evaluate(self, closure, values, points=None):
         """(N, 3), or (N,) of a black body. @param values  array of (N,) for every grid that it depends on
         @param points  in the object's space, (N, 3)"""
-        leaves = GridValues(values, self._constants, self._derived, self._place, points)
+        leaves = GridValues(values, self._constants, self._derived, self.place, points)
         result = np.asarray(closure.coefficient(self._values(leaves), leaves), float)
         count = len(points) if points is not None else len(next(iter(values.values()))) if values else 1
         return np.broadcast_to(result, (count,) if closure.kind == "black_body" else (count, 3))
@@ -158,14 +158,14 @@ class VolumeShader:
         """All grids at the same values."""
         values = {grid: value for grid in self._grids}
         values.update({grid: np.repeat(value[:, None], 3, -1) for grid in self._colours})
-        return GridValues(values, self._constants, self._derived, self._place)
+        return GridValues(values, self._constants, self._derived, self.place)
 
     def _values(self, leaves):
         return Values(leaves, self._stand_in)
 
     def _stand_in(self, plug, lacking):
         """For what a node without a counterpart gives: the middle of what most give."""
-        self._notes.say(self.name, f"its volume depends on {lacking}, which brume lacks; {STAND_IN} is taken for it")
+        self.notes.say(self.name, f"its volume depends on {lacking}, which brume lacks; {STAND_IN} is taken for it")
         return STAND_IN if plug.socket.type == "VALUE" else np.full(3, STAND_IN)
 
     def _has(self, name):
@@ -186,7 +186,7 @@ class VolumeShader:
         elif node.type in _CLOSURES:
             _CLOSURES[node.type](self, plug, weight)
         else:
-            self._notes.say(self.name, f"the volume shader {node.bl_label} is left out")
+            self.notes.say(self.name, f"the volume shader {node.bl_label} is left out")
 
     def _add(self, kind, coefficient, g=0.0, colour_grid=""):
         self.closures.append(Closure(kind, coefficient, g, colour_grid))
@@ -217,7 +217,7 @@ class VolumeShader:
         leaves = self._leaves(np.linspace(0, 1, 5))
         value = np.atleast_1d(self._number(plug)(self._values(leaves)))
         if np.ptp(value) or leaves.asked_points:
-            self._notes.say(self.name, f"'{plug.socket.name}' of its volume varies; its mean, {value.mean():.4g}, is taken")
+            self.notes.say(self.name, f"'{plug.socket.name}' of its volume varies; its mean, {value.mean():.4g}, is taken")
         return float(value.mean())
 
     def _scatter(self, plug, weight):
@@ -233,7 +233,7 @@ class VolumeShader:
         g = self._fixed(plug.input("Anisotropy")) if g is None else g
         if phase != "HENYEY_GREENSTEIN":
             name = phase.replace("_", " ").title()
-            self._notes.say(self.name, f"its phase function {name} is Henyey and Greenstein's, of an anisotropy of {g:.3g}")
+            self.notes.say(self.name, f"its phase function {name} is Henyey and Greenstein's, of an anisotropy of {g:.3g}")
         return g
 
     def _absorption(self, plug, weight):

@@ -7,6 +7,7 @@ import bpy
 import numpy as np
 
 from . import lattices, vdb_header
+from .files import GRIDS
 from .nodes import output_of, tree_of
 from .notes import CannotTranslate, LeftOut
 from .toml_text import Table
@@ -123,7 +124,7 @@ def _saved(thing, folder):
     """A file of grids that Blender computes: by modifiers, or nodes. @throws LeftOut"""
     if len(thing.data.grids) == 0:
         raise LeftOut("it has no file" if not thing.modifiers else "its modifiers make no grid")
-    key = ("grids", thing.data.as_pointer(), thing.name_full)
+    key = (GRIDS, thing.data.as_pointer(), thing.name_full)
     if key not in folder.written:
         path = folder.new(".vdb", thing.name)
         if not thing.data.grids.save(filepath=path):
