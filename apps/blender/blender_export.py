@@ -21,6 +21,7 @@ import bpy
 
 sys.path.insert(0, os.path.dirname(os.path.abspath(__file__)))
 from brume_blender.translate import CannotTranslate, translate  # noqa: E402
+from brume_blender.translate.film import exposure_of  # noqa: E402
 
 
 def export(path):
@@ -47,6 +48,10 @@ def export(path):
         text = f"# Left out: {border}\n" + text
     for note in result.notes:
         print("blender_export: " + note)
+    if exposure_of(scene) != 1:
+        exposure = f"Film exposure of Cycles: its {exposure_of(scene):.4g} is in PNGs and views of the scene, not in EXRs"
+        result.notes.append(exposure)
+        text = f"# Left out: {exposure}\n" + text
     part = f"{path}.{socket.gethostname()}.{os.getpid()}.part"
     with open(part, "w", encoding="utf-8") as out:
         out.write(text)

@@ -120,6 +120,8 @@ class DepthMotion(unittest.TestCase):
             self.assertLess(np.abs(ours("Mist", "Z") - theirs("Mist", "Z")).mean(), 0.01)
             self.assertEqual(ours("Mist", "Z")[22, 39], 1, "the ball")
             np.testing.assert_allclose(ours("Vector", "XYZW"), 0, atol=1e-5)
+            if not transparent:
+                self.assertIn("Ball: leaves a hole in the picture, but none in its alpha unless Film > Transparent is on", engine.Said.texts)
 
     def test_smoke_is_misty_by_what_it_covers(self):
         """Of a thin slab of half opacity: half of what the slab has, half of what is behind it."""

@@ -254,6 +254,37 @@ class Passes(EngineTest):
         self.assertIn("no layer 'gradeint'", error)
         self.assertIn("gradient", error)
 
+    def test_passes_that_are_lacking_are_said_once_for_each_view_layer(self):
+        scene = scenes.smoke_scene(width=16, height=12)
+        scene.brume.samples = 1
+        first, second = bpy.context.view_layer, scene.view_layers.new("Second")
+        first.use_pass_object_index = first.use_pass_ambient_occlusion = True
+        first.cycles.denoising_store_passes = True
+        second.use_pass_material_index = True
+        second.aovs.add().name = "Mask"
+        second.lightgroups.add(name="key")
+        scene.frame_start, scene.frame_end = 1, 2
+        scene.render.filepath = self.path("shot_####")
+        engine.forget_what_was_said()
+        bpy.ops.render.render(animation=True)
+        said = sorted(text for text in engine.Said.texts if "has no pass" in text)
+        self.assertEqual(said, [
+            "View layer Second: brume has no pass IndexMA, Mask (AOV), key (light group); there is none in the result",
+            "View layer ViewLayer: brume has no pass AO, IndexOB, Denoising Data; there is none in the result",
+        ])  # fmt: skip
+
+    def test_exposure_of_the_film_is_a_factor_on_light_alone(self):
+        scene = scenes.smoke_scene(width=16, height=12)
+        scene.brume.samples, scene.brume.use_clean = 2, False
+        scenes.all_passes(bpy.context.view_layer)
+        before = self.render()
+        scene.cycles.film_exposure = 3
+        after = self.render()
+        for name in ("Combined", "DiffDir", "DiffInd", "VolumeDir", "VolumeInd", "Env"):
+            np.testing.assert_allclose(self.layer(after, name), 3 * self.layer(before, name), rtol=1e-5, atol=1e-7, err_msg=name)
+        for name, components in (("DiffCol", "RGB"), ("Depth", "Z"), ("Normal", "XYZ"), ("Combined", "A")):
+            np.testing.assert_array_equal(self.layer(after, name, components), self.layer(before, name, components))
+
     def test_cycles_own_settings_ask_for_volume_passes(self):
         scenes.smoke_scene()
         bpy.context.view_layer.cycles.use_pass_volume_direct = True

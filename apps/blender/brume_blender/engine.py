@@ -12,6 +12,7 @@ from . import exr, passes, program
 from .child import DONE, MISSED, CannotStart, Child, Progress, Update
 from .properties import lacking_passes, matte_settings, preferred_program, wanted_passes
 from .translate import CannotTranslate, translate
+from .translate.film import exposure_of
 from .viewport import close_viewport_of, viewport_of
 from .window import window_of
 
@@ -105,7 +106,7 @@ class _Frame:
         self._original, self._scene = depsgraph.scene, depsgraph.scene_eval  # whose settings may be animated
         self._layer = self._original.view_layers[depsgraph.view_layer.name]
         self._window = window_of(self._scene.render, engine.resolution_x, engine.resolution_y)
-        self._transparent = self._scene.render.film_transparent
+        self._transparent, self._exposure = self._scene.render.film_transparent, exposure_of(self._scene)
         self._passes, unknown = wanted_passes(self._layer)
         if unknown:
             known = ", ".join((*passes.LAYERS, *passes.GIVEN))
@@ -161,6 +162,9 @@ class _Frame:
         )
         for note in translation.notes:
             self._engine.say(note)
+        if translation.holdouts and not self._transparent:
+            names = ", ".join(translation.holdouts)
+            self._engine.say(f"{names}: leaves a hole in the picture, but none in its alpha unless Film > Transparent is on")
         texts = {"scene": translation.text}
         if translation.beside:
             before, after = translation.beside
@@ -254,11 +258,11 @@ class _Frame:
             rect.foreach_set(rows.ravel())
 
     def _show_picture(self, frame):
-        self._fill("Combined", passes.picture(frame, self._transparent))
+        self._fill("Combined", passes.picture(frame, self._transparent, self._exposure))
         self._engine.update_result(self._result)
 
     def _show_all(self, frame):
-        made = passes.Passes(frame, self._transparent)
+        made = passes.Passes(frame, self._transparent, self._exposure)
         for p in self._passes:
             self._fill(self._engine._name(p), made.values(p))
         whole = self._engine.get_result()  # of all view layers, which is written into files

@@ -110,6 +110,8 @@ class BRUME_RENDER_PT_film(_BrumePanel, bpy.types.Panel):
         self.layout.use_property_split = True
         self.layout.use_property_decorate = False
         self.layout.prop(context.scene.render, "film_transparent", text="Transparent")
+        if hasattr(context.scene, "cycles"):
+            self.layout.prop(context.scene.cycles, "film_exposure")
 
 
 class BRUME_RENDER_PT_motion_blur(_BrumePanel, bpy.types.Panel):

@@ -139,9 +139,10 @@ def extra_passes(names):
     return found, [name for name in names if name not in known]
 
 
-def picture(frame, transparent, name=""):
-    """R G B A of the picture on top, or of another layer in its place. @param transparent  the film shows no background"""
-    colour = frame.layer(name, "RGB")
+def picture(frame, transparent, exposure=1.0, name=""):
+    """R G B A of the picture on top, or of another layer in its place. @param transparent  the film shows no background
+    @param exposure  factor on its light"""
+    colour = frame.layer(name, "RGB") * np.float32(exposure)
     mattes = any(channel.startswith("Crypto") for channel in frame.channels)
     if not transparent:
         alpha = np.ones((*colour.shape[:2], 1), np.float32)
@@ -157,12 +158,14 @@ def picture(frame, transparent, name=""):
 class Passes:
     """All that was asked for of one frame: arrays height x width x channels, rows from the top."""
 
-    def __init__(self, frame, transparent):
-        self._frame, self._transparent = frame, transparent
+    def __init__(self, frame, transparent, exposure=1.0):
+        """@param exposure  factor on light"""
+        self._frame, self._transparent, self._exposure = frame, transparent, exposure
 
     def values(self, p):
         if p.name in KNOWN:
-            return _MAKERS[p.name](self).astype(np.float32)
+            values = _MAKERS[p.name](self)
+            return (values * self._exposure if p.layers == LIGHT and p.name != "DiffCol" else values).astype(np.float32)
         found = self._frame.layer(p.name, p.components)
         height, width = self._frame.height, self._frame.width
         return np.zeros((height, width, len(p.components)), np.float32) if found is None else found
@@ -210,11 +213,11 @@ class Passes:
 
     def _noisy(self):
         name = "noisy" if "noisy.R" in self._frame.channels else ""
-        return picture(self._frame, self._transparent, name)
+        return picture(self._frame, self._transparent, self._exposure, name)
 
 
 _MAKERS = {
-    "Combined": lambda p: picture(p._frame, p._transparent),
+    "Combined": lambda p: picture(p._frame, p._transparent, p._exposure),
     "Depth": lambda p: p._depth(),
     "Position": lambda p: p._position()[0],
     "Normal": lambda p: p._frame.layer("normal", "XYZ"),

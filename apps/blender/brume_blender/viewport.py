@@ -19,6 +19,7 @@ from .live import Live
 from .properties import preferred_program
 from .region import camera_of, place_of
 from .translate import Bakes, CannotTranslate, Folder, View, translate
+from .translate.film import exposure_of
 
 LOOK = 0.015  # seconds between two looks for news
 PROBLEM_COLOUR = (1.0, 0.45, 0.1, 1.0)  # linear
@@ -50,7 +51,7 @@ class Viewport:
         self._live, self._problem, self._remarks = None, None, []
         self._text, self._revision = None, 0
         self._bakes, self._baking, self._whole = Bakes(), [], False  # whether the scene's text has all that is baked
-        self._look, self._number, self._frame = None, 0, None
+        self._look, self._number, self._frame, self._exposure = None, 0, None, 1.0
         self._reach, self._extent = REACH, 0.0  # from the origin: to where the view may be, to what lies farthest from it
         self._shown, self._texture, self._place = None, None, None
         self._waiting = False  # for files that are no longer used, until the program has read the scene without them
@@ -149,6 +150,7 @@ class Viewport:
 
     def _look_of(self, context, depsgraph):
         scene, settings = depsgraph.scene_eval, depsgraph.scene_eval.brume
+        self._exposure = exposure_of(scene)
         self._place = place_of(context, scene)
         camera, reach = camera_of(context, scene, depsgraph, self._place, self._extent)
         if reach > self._reach:
@@ -195,6 +197,7 @@ class Viewport:
             return
         self._shown = picture
         rgba = _rgba(picture.values, pictures.get("alpha") if "alpha" in self._look["layers"] else None)
+        rgba[..., :3] *= self._exposure
         buffer = gpu.types.Buffer("FLOAT", rgba.size, rgba.ravel())
         self._texture = gpu.types.GPUTexture((rgba.shape[1], rgba.shape[0]), format="RGBA16F", data=buffer)
         if self._waiting and picture.about["id"] == self._number:

@@ -51,6 +51,7 @@ class Translation:
     volumes: int = 0  # how many there are to render
     reach: float = 0.0  # from the origin to what lies farthest from it
     beside: list = field(default_factory=list)  # texts of the scene a frame before, and a frame after
+    holdouts: list = field(default_factory=list)  # names
 
 
 @dataclass
@@ -104,6 +105,7 @@ class _Translator:
         self._wants_steps = steps
         self._shown = "show_render" if depsgraph.mode == "RENDER" else "show_viewport"  # switch of modifiers
         self._reach = 0.0  # from the origin to what lies farthest from it
+        self._holdouts = set()  # their names
         self._trees = {}  # of shaders that have been read
         self._instances, self._corners = Instances(), {}  # corners: of volumes' boxes, by what they are of
 
@@ -129,7 +131,7 @@ class _Translator:
         head = [
             Table("[render]").set(frame=max(self._frame, 0), **(mist_keys(self._scene.world) if self._layer.use_pass_mist else {})),
             self._camera_table(size),
-            film_table(self._scene, self._width, self._height, self._notes),
+            film_table(self._scene, self._width, self._height),
         ]
         tables, far = self._objects(), self._world()
         if (fog := self._world_fog()) is not None:
@@ -147,6 +149,7 @@ class _Translator:
             sum(table.header == "[[volumes]]" for table in tables),
             self._reach,
             [self._text(other) for other in beside],
+            sorted(self._holdouts),
         )
 
     def _text(self, tables):
@@ -219,8 +222,8 @@ class _Translator:
             return [light_table(instance, self._notes)]
         if kind == "VOLUME" or kind in MESH_LIKE:
             tables = self._marked(self._placed(instance, thing), thing)
-            if not self._scene.render.film_transparent and any(table.holds(role="holdout") for table in tables):
-                self._notes.say(thing.name, "leaves a hole in the picture, but none in its alpha unless Film > Transparent is on")
+            if any(table.holds(role="holdout") for table in tables):
+                self._holdouts.add(thing.name)
             if self._steps is not None:
                 self._steps.own(tables, instance)
             return tables

@@ -15,10 +15,12 @@ def pixel_aspect_of(scene):
     return scene.render.pixel_aspect_x / scene.render.pixel_aspect_y
 
 
-def film_table(scene, width, height, notes):
+def exposure_of(scene):
+    """Cycles' Film > Exposure, a factor on all light that is shown or written."""
+    return getattr(getattr(scene, "cycles", None), "film_exposure", 1.0)
+
+
+def film_table(scene, width, height):
     table = Table("[film]").set(width=width, height=height)
-    table.set(exposure=2**scene.view_settings.exposure)
-    factor = getattr(getattr(scene, "cycles", None), "film_exposure", 1.0)
-    if factor != 1:
-        notes.say("Film", f"the exposure of Cycles, {factor:.4g}, is left out; the scene's own in Color Management is kept")
+    table.set(exposure=2**scene.view_settings.exposure * exposure_of(scene))
     return table
