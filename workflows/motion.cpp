@@ -113,7 +113,9 @@ class Motion {
   Moved on_surface(const Ray& ray, const dvec3& p) const {
     if (!surfaces_) return {p, p};
     const double t = glm::dot(p - ray.o, ray.d);
-    const auto hit = surfaces_->intersect(ray, (1 + kSamePlace) * t, 0, true);
+    Ray near = ray;  // what else the ray meets, at an edge, is of another part
+    near.o += (1 - kSamePlace) * t * ray.d;
+    const auto hit = surfaces_->intersect(near, 2 * kSamePlace * t, 0, true);
     if (!hit) return {p, p};
     const auto& [previous, next] = surface_steps_[hit->surface];
     return {apply(previous, p), apply(next, p)};
