@@ -13,7 +13,7 @@ std::optional<double> memory_of(const std::string& process, std::string_view nam
 /// To the system, what allocators keep for later: some hundred megabytes after much work on large pictures.
 void give_back_freed_memory();
 /// For programs of our own, before they have threads: filters make and drop many planes of megabytes, for each of which
-/// the system would clear fresh pages. What is freed is kept for the next ones, in large pages where the system has them.
+/// the system would clear fresh pages. What is freed is kept for the next ones, in large pages where there are some.
 void keep_freed_memory();
 
 /// What a piece of work holds at most, beside what the process held before.

@@ -9,7 +9,7 @@ std::string scene_reference() {
   reference.text =
       "# Scenes\n\n"
       "A scene is a TOML file. Paths in it start at its own folder. Unknown keys are errors. Any key can be set from the\n"
-      "command line: `-D camera.fov=30`, `-D volumes.0.sigma_t=5`; paths given so start at the scene's folder too. Colours are linear Rec. 709, `[r, g, b]` or one grey\n"
+      "command line: `-D camera.fov=30`, `-D volumes.0.sigma_t=5`; paths given so start at the scene's folder too. Colours are linear RGB of `film.color_space`, Rec. 709 without one: `[r, g, b]` or one grey\n"
       "number. Lengths are in scene units, whichever the volumes use. Pictures in other colour spaces are converted, and numbers in files that are not usable (NaN, negative light) are\n"
       "repaired and told: [methods.md](methods.md#numbers-that-are-not-usable).\n\n"
       "A sequence is one scene: `brume render shot.toml --frames 1-240 -o 'shot.####.exr'` sets `render.frame` for each\n"
