@@ -209,6 +209,9 @@ std::string world_of(const Scene& scene) {
   render.near_lights = any_render.near_lights;
   render.flash_relief = any_render.flash_relief;
   add(render);
+  FilmSettings film;  // the rest of it is of the camera
+  film.color_space = scene.film.color_space;
+  add(film);
   add(scene.environment);
   add_file(scene.environment.file);
   for (const VolumeSettings& v : scene.volumes) {

@@ -14,6 +14,7 @@
 #include <sstream>
 
 #include "base/error.h"
+#include "image/color_space.h"
 #include "image/exr_io.h"
 #include "render/scene/scene_io.h"
 #include "render/world/volume_scene.h"
@@ -239,6 +240,23 @@ TEST(Viewer, SunsAndVolumesCanBeSwitchedOffAndLampsAdded) {
   EXPECT_GT(all, 1.2 * dark);
   EXPECT_NEAR(empty, (0.16 + 0.21 + 0.31) / 3, 1e-3);
   EXPECT_GT(lamp, 1.05 * dark);
+}
+
+TEST(Viewer, ShowsRec709WhateverTheSceneComputesIn) {
+  Viewing v(kCloud);
+  const auto sky = [&](uint64_t id, const std::string& space) {
+    v.viewer.look(
+        look(id, {"film.color_space=\"" + space + "\"", "environment.sky=\"preetham\"", "environment.radiance=1"}));
+    const auto p = v.audience.first([&](const ViewPicture& q) { return q.id == id && !q.predicted; });
+    return p ? dvec3(value(*p, 0, 1, 1), value(*p, 1, 1, 1), value(*p, 2, 1, 1)) : dvec3(-1);
+  };
+  const dvec3 plain = sky(1, "lin_rec709"), wide = sky(2, "aces2065-1");
+  EXPECT_GT(plain.z, 1.2 * plain.x);
+  for (int c = 0; c < 3; ++c) EXPECT_NEAR(wide[c], plain[c], 0.02 * plain[c]) << c;
+  const std::shared_ptr<const Layers> frame = v.viewer.frame();
+  ASSERT_TRUE(frame);
+  EXPECT_EQ(frame->chromaticities(), WorkingSpace("aces2065-1").chromaticities);
+  EXPECT_GT(std::abs(frame->at("R")(1, 1) - plain.x), 0.1 * plain.x) << "what is kept is in the scene's space";
 }
 
 TEST(Viewer, AProblemIsToldAndTheNextLookIsAnswered) {
