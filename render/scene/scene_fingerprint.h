@@ -13,8 +13,9 @@ using FileHashes = std::map<std::filesystem::path, uint64_t>;
 /// @param known  looked at and added to; null: every file is read
 void add_fingerprint(Scene& scene, FileHashes* known = nullptr);
 
-/// The same for two scenes that differ only in where the camera stands, in film but for its colours, sample count, seed,
-/// and in how paths are traced: then all that paths can meet, and the light of it, is the same. Files count by their names.
+/// The same for two scenes that differ only in where the camera stands, in film but for its colours, sample count,
+/// seed, and in how paths are traced: then all that paths can meet, and the light of it, is the same. Files count by
+/// their names.
 std::string world_of(const Scene& scene);
 
 }  // namespace brume

@@ -262,14 +262,13 @@ class Passes(EngineTest):
         first.cycles.denoising_store_passes = True
         second.use_pass_material_index = True
         second.aovs.add().name = "Mask"
-        second.lightgroups.add(name="key")
         scene.frame_start, scene.frame_end = 1, 2
         scene.render.filepath = self.path("shot_####")
         engine.forget_what_was_said()
         bpy.ops.render.render(animation=True)
         said = sorted(text for text in engine.Said.texts if "has no pass" in text)
         self.assertEqual(said, [
-            "View layer Second: brume has no pass IndexMA, Mask (AOV), key (light group); there is none in the result",
+            "View layer Second: brume has no pass IndexMA, Mask (AOV); there is none in the result",
             "View layer ViewLayer: brume has no pass AO, IndexOB, Denoising Data; there is none in the result",
         ])  # fmt: skip
 

@@ -19,6 +19,7 @@ class Pass:
     name: str
     components: str
     layers: tuple  # that must be recorded for it
+    light: str = ""  # the layer of light that it shows, clean where that is
 
     @property
     def kind(self):
@@ -77,6 +78,11 @@ LAYERS = {
 }  # fmt: skip
 # Those that every frame has, or every clean one.
 GIVEN = {"sample_count": "Y", "clean_error": "Y"}
+
+
+def light_passes(groups):
+    """Of light groups, as Cycles names them. @param groups  brume's names by Blender's"""
+    return [Pass(f"Combined_{name}", "RGB", (), f"light.{group}") for name, group in groups.items()]
 
 
 def matte_passes(objects, materials, levels):
@@ -166,9 +172,10 @@ class Passes:
         if p.name in KNOWN:
             values = _MAKERS[p.name](self)
             return (values * self._exposure if p.layers == LIGHT and p.name != "DiffCol" else values).astype(np.float32)
-        found = self._frame.layer(p.name, p.components)
-        height, width = self._frame.height, self._frame.width
-        return np.zeros((height, width, len(p.components)), np.float32) if found is None else found
+        found = self._light(p.light) if p.light else self._frame.layer(p.name, p.components)
+        if found is None:  # a group without lights
+            return np.zeros((self._frame.height, self._frame.width, len(p.components)), np.float32)
+        return (found * self._exposure).astype(np.float32) if p.light else found
 
     def _light(self, name):
         """A part of the light, clean where it was cleaned."""

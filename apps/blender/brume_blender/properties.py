@@ -5,6 +5,7 @@ from bpy.props import BoolProperty, FloatProperty, IntProperty, PointerProperty,
 
 from . import passes, program
 from .translate.baking import MILLIONS
+from .translate.light_groups import group_names
 
 DEFAULT_FILTER = "transport_regression"
 
@@ -148,8 +149,8 @@ def wanted_passes(view_layer):
         "Noisy Image": own.use_pass_noisy,
     }
     extra, unknown = passes.extra_passes(own.extra_names())
-    mattes = passes.matte_passes(*matte_settings(view_layer))
-    return [passes.COMBINED] + [passes.KNOWN[name] for name, on in switches.items() if on] + mattes + extra, unknown
+    more = passes.light_passes(group_names(view_layer)) + passes.matte_passes(*matte_settings(view_layer)) + extra
+    return [passes.COMBINED] + [passes.KNOWN[name] for name, on in switches.items() if on] + more, unknown
 
 
 def matte_settings(view_layer):
@@ -179,7 +180,7 @@ def lacking_passes(view_layer):
     names = [name for switch, name in LACKING.items() if getattr(view_layer, "use_pass_" + switch, False)]
     cycles = getattr(view_layer, "cycles", None)
     names += [name for switch, name in LACKING_OF_CYCLES.items() if getattr(cycles, switch, False)]
-    return names + [f"{aov.name} (AOV)" for aov in view_layer.aovs] + [f"{group.name} (light group)" for group in view_layer.lightgroups]
+    return names + [f"{aov.name} (AOV)" for aov in view_layer.aovs]
 
 
 CLASSES = (BrumePreferences, BrumeSceneSettings, BrumeViewLayerSettings)

@@ -113,7 +113,7 @@ class Instances:
 def _glow_apart(table):
     """Takes what glows out of a table. @return a table of it alone"""
     glow = table.without(MEDIUM).set(sigma_t=0)
-    table.remove(GLOW)
+    table.remove((*GLOW, "group"))
     return glow
 
 

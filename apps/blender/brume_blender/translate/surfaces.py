@@ -22,8 +22,8 @@ def is_held_out(thing, view_layer):
 
 def mark_of(thing, view_layer, named):
     """What one volume's places have in common beside their shader: a holdout is no place of one that is seen, nor are things of
-    other names where there are mattes."""
-    return is_held_out(thing, view_layer), thing.name if named else ""
+    other names where there are mattes, nor of other light groups."""
+    return is_held_out(thing, view_layer), thing.name if named else "", thing.lightgroup
 
 
 class Surfaces:
