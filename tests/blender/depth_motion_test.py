@@ -2,16 +2,15 @@
 
 import os
 import sys
-import unittest
 
-import addon_utils
 import bpy
 import numpy as np
 
 sys.path.insert(0, os.path.dirname(os.path.abspath(__file__)))
 import addon_scene as scenes  # noqa: E402
 from brume_blender import engine  # noqa: E402
-from builder import Builder, Shader, aim, diffuse, scattering  # noqa: E402
+from builder import Shader, aim, diffuse, scattering  # noqa: E402
+from built import BuiltTest  # noqa: E402
 
 WIDTH, HEIGHT = 64, 48
 
@@ -29,25 +28,10 @@ def keyed(thing, path, values, index=-1):
             key.interpolation = "LINEAR"
 
 
-class DepthMotion(unittest.TestCase):
+class DepthMotion(BuiltTest):
     def setUp(self):
-        folder = scenes.folder()
-        self.addCleanup(folder.cleanup)
-        self.folder = folder.name
-        self.b = b = Builder(os.path.join(scenes.SOURCE, "data"), WIDTH, HEIGHT)
-        addon_utils.enable("brume_blender", default_set=True)
-        b.camera((0, -9, 2), (0, 0, 0.6), 40)
-        b.world([0.3, 0.4, 0.6])
-        b.scene.frame_set(10)
-        self.layer = bpy.context.view_layer
-
-    def rendered(self, engine, samples=16, clean=False):
-        b = self.b
-        b.plain(samples)
-        b.scene.brume.samples, b.scene.brume.use_clean = samples, clean
-        b.scene.render.engine = engine
-        frame = scenes.render(os.path.join(self.folder, engine + ".exr"), b.scene)
-        return lambda name, components: frame.layer(f"{self.layer.name}.{name}", components)
+        self.build(WIDTH, HEIGHT, [0.3, 0.4, 0.6])
+        self.b.scene.frame_set(10)
 
     def things(self):
         """A ball, a floor and a box, of which two copies stand about."""

@@ -3,28 +3,21 @@ inside Blender."""
 
 import os
 import sys
-import unittest
 
-import addon_utils
 import bpy
 import numpy as np
 
 sys.path.insert(0, os.path.dirname(os.path.abspath(__file__)))
 import addon_scene as scenes  # noqa: E402
-from builder import Builder, Shader, diffuse  # noqa: E402
+from builder import Shader, diffuse  # noqa: E402
+from built import BuiltTest  # noqa: E402
 
 WIDTH, HEIGHT = 48, 36
 
 
-class LightGroups(unittest.TestCase):
+class LightGroups(BuiltTest):
     def setUp(self):
-        folder = scenes.folder()
-        self.addCleanup(folder.cleanup)
-        self.folder = folder.name
-        self.b = b = Builder(os.path.join(scenes.SOURCE, "data"), WIDTH, HEIGHT)
-        addon_utils.enable("brume_blender", default_set=True)
-        b.camera((0, -9, 2), (0, 0, 0.6), 40)
-        b.world([0.1, 0.15, 0.3])
+        b = self.build(WIDTH, HEIGHT, [0.1, 0.15, 0.3])
         b.floor(diffuse("Floor", (0.5, 0.5, 0.5)), 8)
         fog, glow = Shader("Fog"), Shader("Glow")
         b.mesh("cube", "Fog", fog.volume(fog.node("VolumeScatter", Color=(1, 1, 1), Density=0.7)), size=2, location=(0, 0, 1.05))
@@ -33,17 +26,8 @@ class LightGroups(unittest.TestCase):
         sun = b.light("SUN", "Sun", (4, -3, 6), (0, 0, 0), energy=2)
         sun.lightgroup, lamp.lightgroup = "key light", "rest"
         b.scene.world.lightgroup = "sky"
-        self.layer = bpy.context.view_layer
         for name in ("key light", "rest", "sky"):
             self.layer.lightgroups.add(name=name)
-
-    def rendered(self, engine, samples, clean=False):
-        b = self.b
-        b.plain(samples)
-        b.scene.brume.samples, b.scene.brume.use_clean = samples, clean
-        b.scene.render.engine = engine
-        frame = scenes.render(os.path.join(self.folder, engine + ".exr"), b.scene)
-        return lambda name: frame.layer(f"{self.layer.name}.{name}", "RGB")
 
     def test_are_those_of_cycles(self):
         theirs, ours = self.rendered("CYCLES", 256), self.rendered("BRUME", 256)
