@@ -20,12 +20,14 @@ float sum(const vec3& v) {
   return v.x + v.y + v.z;
 }
 
-/// e^x for x <= 0, relative error below 1e-5.
-float fast_exp(float x) {
-  const float t = std::max(x * std::numbers::log2e_v<float>, -126.0f), whole = std::floor(t), f = t - whole;
+/// e^x for x <= 0, relative error below 1e-5; in a form that compilers turn into vectors.
+inline float fast_exp(float x) {
+  const float t = std::max(x * std::numbers::log2e_v<float>, -125.0f);
+  const int32_t whole = static_cast<int32_t>(t) - 1;
+  const float f = t - static_cast<float>(whole);  // 0 .. 1
   const float power =
       1 + f * (0.69315308f + f * (0.24015361f + f * (0.05582631f + f * 0.00898934f + f * f * 0.00187758f)));
-  return std::bit_cast<float>((static_cast<int32_t>(whole) + 127) << 23) * power;
+  return std::bit_cast<float>((whole + 127) << 23) * power;
 }
 
 /// Of a part, up to a place inside: transmittance, and the share of its light. @param before  transmittance
@@ -172,26 +174,36 @@ void DeepPixels::add_up(std::span<const std::vector<DeepPart>> pixels) {
     }
   }
   const float all = std::max(sum(knots_.back().light), 1e-30f);
-  for (Knot& k : knots_) {
+  for (std::vector<float>* column : {&z_, &left_, &light_sums_, &above_, &errors_}) column->resize(knots_.size());
+  for (size_t i = 0; i < knots_.size(); ++i) {
+    Knot& k = knots_[i];
     k.log_left = std::log(std::max(k.left, kNothing));
-    k.light_sum = sum(k.light) / all;
+    z_[i] = k.z;
+    left_[i] = k.left;
+    light_sums_[i] = k.light_sum = sum(k.light) / all;
   }
 }
 
 /// With the knot where it is farthest from what lies between.
-DeepPixels::Piece DeepPixels::piece(size_t from, size_t to) const {
+DeepPixels::Piece DeepPixels::piece(size_t from, size_t to) {
   Piece p{from, to, from, 0, 0};
   const Knot &a = knots_[from], &b = knots_[to];
   if (to - from < 2 || !(b.z > a.z)) return p;
   const float per_z = 1 / (b.z - a.z), depth = b.log_left - a.log_left, taken = a.left - b.left;
-  for (size_t m = from + 1; m < to; ++m) {
-    const Knot& k = knots_[m];
-    const float f = (k.z - a.z) * per_z, left = a.left * fast_exp(f * depth);
-    const float share = taken > kNothing ? (a.left - left) / taken : f;
-    const float error =
-        std::max(std::abs(left - k.left), std::abs(a.light_sum + share * (b.light_sum - a.light_sum) - k.light_sum));
-    if (std::abs(left - k.left) > std::abs(p.above)) p.above = left - k.left;
-    if (error > p.error) p.error = error, p.worst = m;
+  const bool takes = taken > kNothing;
+  const float per_taken = takes ? 1 / taken : 0, light = b.light_sum - a.light_sum;
+  const float *const z = &z_[from + 1], *const left = &left_[from + 1], *const sums = &light_sums_[from + 1];
+  float *const above = above_.data(), *const errors = errors_.data();
+  const size_t between = to - from - 1;
+  for (size_t m = 0; m < between; ++m) {
+    const float f = (z[m] - a.z) * per_z, exponential = a.left * fast_exp(f * depth);
+    const float share = takes ? (a.left - exponential) * per_taken : f;
+    above[m] = exponential - left[m];
+    errors[m] = std::max(std::abs(above[m]), std::abs(a.light_sum + share * light - sums[m]));
+  }
+  for (size_t m = 0; m < between; ++m) {
+    if (std::abs(above[m]) > std::abs(p.above)) p.above = above[m];
+    if (errors[m] > p.error) p.error = errors[m], p.worst = from + 1 + m;
   }
   return p;
 }

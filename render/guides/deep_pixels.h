@@ -96,7 +96,7 @@ class DeepPixels {
   void join_hits(std::span<const DeepRay> rays, size_t most);
   void make_knots(std::span<const std::vector<DeepPart>> pixels, size_t most);
   void add_up(std::span<const std::vector<DeepPart>> pixels);
-  Piece piece(size_t from, size_t to) const;
+  Piece piece(size_t from, size_t to);
   bool is_empty(const Piece& piece) const;
   void even_out();
   void share_errors();
@@ -105,6 +105,8 @@ class DeepPixels {
   std::vector<Hit> hits_;
   std::vector<std::pair<float, bool>> places_;  // of knots; whether behind what is there
   std::vector<Knot> knots_;
+  std::vector<float> z_, left_, light_sums_;  // the knots', side by side for vectors
+  std::vector<float> above_, errors_;         // of a piece, at the knots inside
   std::vector<Piece> pieces_;
 };
 
