@@ -4,6 +4,7 @@
 
 #include <algorithm>
 #include <bit>
+#include <cstddef>
 #include <cmath>
 #include <limits>
 
@@ -25,7 +26,9 @@ size_t offset_of(const LayerName& name) {
 
 constexpr size_t kOwnValues = sizeof(PathSample) / sizeof(double);  // what follows them is of PathSample::groups
 
-// Every value of a frame: the beauty, direct and indirect whose stored sum it is, alpha's transmittance, what is asked
+constexpr size_t kTransmitted = offsetof(PathSample, transmitted) / sizeof(double);
+
+// Every value of a frame: the beauty, direct and indirect whose stored sum it is, what alpha is short of 1, what is asked
 // for.
 std::vector<size_t> value_offsets(const LayerRequest& request) {
   std::vector<size_t> offsets;
@@ -35,11 +38,9 @@ std::vector<size_t> value_offsets(const LayerRequest& request) {
   add(layer::beauty);
   add(layer::direct);
   add(layer::indirect);
-  add(layer::transmittance);
+  offsets.push_back(kTransmitted);
   for (const RecordedLayer& l : recordable_layers())
-    if (request.has(l.name) && !(l.name == layer::direct) && !(l.name == layer::indirect) &&
-        !(l.name == layer::transmittance))
-      add(l.name);
+    if (request.has(l.name) && !(l.name == layer::direct) && !(l.name == layer::indirect)) add(l.name);
   for (const LayerRequest::GroupLayer& layer : request.group_layers())
     for (size_t c = 0; c < 3; ++c) offsets.push_back(kOwnValues + layer.offset + c);
   return offsets;
@@ -65,7 +66,7 @@ Film::Film(int width, int height, const LayerRequest& request)
       sums_(offsets_.size(), groups_of(request), request.statistics),
       state_(static_cast<size_t>(tiles_.x) * tiles_.y) {
   record(layer::beauty, 0);
-  record(layer::alpha, offset_of(layer::transmittance), true);
+  record(layer::alpha, kTransmitted, true);
   for (const RecordedLayer& l : recordable_layers())
     if (request.has(l.name)) record(l.name, l.offset);
   for (const LayerRequest::GroupLayer& layer : request.group_layers())

@@ -79,7 +79,7 @@ class Film {
     Plane *mean, *mean_variance, *half_a, *half_b;
     std::vector<Plane*> buckets;
     size_t value;
-    bool complement;  // alpha = 1 - transmittance
+    bool complement;  // alpha = 1 - what is transmitted
   };
   void record(const LayerName& name, size_t offset, bool complement = false);
   TileState& opened(int tile);

@@ -20,6 +20,7 @@ struct PathSample {
   dvec3 surface_albedo{0}, normal{0}, position{0};
   double surface_share = 0, depth = 0;
   dvec3 flash{0}, catcher{0}, catcher_unshadowed{0};
+  double transmitted = 0;  ///< mean of the transmittance's channels: what alpha is short of 1
   /// Where there are light groups, three of each: all of its light, direct, indirect. Valid until the sink returns.
   const dvec3* groups = nullptr;
 

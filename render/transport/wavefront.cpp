@@ -447,6 +447,8 @@ class Wavefront {
     s.groups = group_values_.data();
     (surface_first ? s.surface_indirect : s.volume_indirect) = s.indirect;
     s.beauty = s.direct + s.indirect;
+    const dvec3& left = s.transmittance;
+    s.transmitted = c_.plan.chromatic ? (left.x + left.y + left.z) / 3 : left.x;
     if (c_.plan.flash) s.flash = flash_image(s.direct, c_.flash.intensity, s.flash);
     if (requests_[request].record) finish_record(*requests_[request].record, s, surface_first);
     sink_(request, s);

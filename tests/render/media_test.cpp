@@ -257,6 +257,24 @@ TEST(ChromaticMedium, EachChannelIsItsMonochromeRun) {
   }
 }
 
+// Alpha is the mean of the colours' opacities, not one of them: of a box that red passes nearly whole, and blue hardly.
+TEST(ChromaticMedium, AlphaIsTheMeanOfTheColours) {
+  Scene s = through_the_middle();
+  s.environment.radiance = dvec3(1);
+  s.volumes.push_back(solid("box", 1, 0.5));
+  s.volumes[0].sigma_t = dvec3(0.05, 0.5, 2);
+  const Layers frame = PreparedScene(s, LayerRequest::of({"transmittance"}, true)).render(400, 1, {}).layers;
+  const RgbPlanes left = frame.rgb(layer::transmittance);
+  double mean = 0;
+  for (int y = 0; y < frame.height(); ++y)
+    for (int x = 0; x < frame.width(); ++x) {
+      const double alpha = frame.at("A")(x, y);
+      EXPECT_NEAR(alpha, 1 - ((*left[0])(x, y) + (*left[1])(x, y) + (*left[2])(x, y)) / 3.0, 1e-6) << x << ", " << y;
+      mean += alpha / (frame.width() * frame.height());
+    }
+  EXPECT_NEAR(mean, 1 - (std::exp(-0.1) + std::exp(-1.0) + std::exp(-4.0)) / 3, 0.01);
+}
+
 // Colours of light never run away: albedo 1 in every channel and a sky of 1 give 1 on average, and no sample above 3,
 // since the balance heuristic over the hero channels bounds the weights by their number.
 TEST(ChromaticMedium, WeightsStayBounded) {
