@@ -294,6 +294,7 @@ std::shared_ptr<const Layers> Viewer::frame(const ViewLook& look) const {
       kept = predicted_.frame;
       predicted = true;
     }
+    if (kept) check_light_groups(look.mix, told_scene_.light_groups, "the scene");
   }
   if (!kept || (!predicted && look.mix.empty())) return kept;
   if (!predicted) {

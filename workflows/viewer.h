@@ -159,6 +159,7 @@ class Viewer {
   std::shared_ptr<const Layers> frame() const;
   /// The best frame of this very look, whichever its layers: path traced and cleaned, or the whole predicted picture
   /// with its guides; mixed without what is not known by light group; null where neither is there yet.
+  /// @throws InputError for a light group that the scene does not have
   std::shared_ptr<const Layers> frame(const ViewLook& look) const;
   /// The scene as it was looked at last, as a file of its own; empty before.
   std::string scene_text() const;

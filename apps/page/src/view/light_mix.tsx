@@ -24,7 +24,7 @@ export function LightMix() {
           <Group key={group} group={group} />
         ))}
       </div>
-      <div class="buttons after-fields">
+      <div class="buttons">
         <button
           type="button"
           disabled={!changed}
