@@ -78,6 +78,9 @@ class BRUME_OT_reset_light_mix(bpy.types.Operator):
 
 
 def _draw_mix(layout, view_layer):
+    layout.prop(view_layer.brume, "use_mix")
+    layout = layout.column()
+    layout.active = view_layer.brume.use_mix
     groups = _groups_of(view_layer)
     entries = {group: entry_of(view_layer, group) for group in groups}
     if None in entries.values() and not bpy.app.timers.is_registered(_sync_all):
@@ -115,7 +118,6 @@ class BRUME_VIEWLAYER_PT_light_groups(_Panel, bpy.types.Panel):
         col.separator()
         col.menu("VIEWLAYER_MT_lightgroup_sync", icon="DOWNARROW_HLT", text="")
         if len(view_layer.lightgroups):
-            layout.label(text="Mix in the viewport")
             _draw_mix(layout, view_layer)
 
 

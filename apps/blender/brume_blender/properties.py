@@ -123,6 +123,12 @@ class BrumeViewLayerSettings(bpy.types.PropertyGroup):
         + ", ".join((*passes.LAYERS, *passes.GIVEN))
         + ". Each becomes a pass of its name",
     )
+    use_mix: BoolProperty(
+        name="Mix in the Viewport",
+        description="Light groups are computed in the viewport, too, where they can be mixed without another rendering; what the mix "
+        "does not need takes longer by that",
+        default=True,
+    )
     mix: CollectionProperty(type=BrumeLightMix)
 
     def extra_names(self):

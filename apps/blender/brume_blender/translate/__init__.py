@@ -127,7 +127,8 @@ class _Translator:
                 self._steps = steps_of(self._depsgraph, camera, self._frame, self._set_frame, size, self._notes)
         self._layer = self._view_layer()
         self._named = self._view is None and (self._layer.use_pass_cryptomatte_object or self._layer.use_pass_cryptomatte_material)
-        self._groups = group_names(self._layer) if self._view is None else {}
+        wants_groups = self._view is None or self._layer.brume.use_mix
+        self._groups = group_names(self._layer) if wants_groups else {}
         self._surfaces = Surfaces(self._folder, self._notes, self._layer, self._bake, self._instances, self._named)
         self._camera = camera_of(self._depsgraph, self._scene) if self._view is None else None
         head = [
