@@ -1,8 +1,8 @@
 #include "workflows/viewed_layers.h"
 
 #include <algorithm>
-#include <array>
 #include <set>
+#include <utility>
 
 #include "image/light_layers.h"
 
@@ -47,9 +47,8 @@ std::vector<std::string> predicted(const std::string& group, const std::vector<s
   return names;
 }
 
-void add_scaled(Plane& sum, const Plane& plane, float factor) {
-  for (int y = 0; y < sum.height(); ++y)
-    for (int x = 0; x < sum.width(); ++x) sum(x, y) += factor * plane(x, y);
+void add_scaled(float* sum, const float* light, float factor, size_t count) {
+  for (size_t x = 0; x < count; ++x) sum[x] += factor * light[x];
 }
 
 }  // namespace
@@ -124,24 +123,40 @@ std::vector<std::string> ViewedLayer::sources() const {
 
 Plane ViewedLayer::plane(const Layers& frame, size_t channel) const {
   Plane whole = frame.at(whole_[0][channel]);
-  for (size_t other = 1; other < whole_.size(); ++other) add_scaled(whole, frame.at(whole_[other][channel]), 1);
+  const auto columns = static_cast<size_t>(whole.width());
+  for (size_t other = 1; other < whole_.size(); ++other) {
+    const Plane& more = frame.at(whole_[other][channel]);
+    for (int y = 0; y < whole.height(); ++y) add_scaled(whole.row(y), more.row(y), 1, columns);
+  }
   if (groups_.empty()) return whole;
-  Plane sum(whole.width(), whole.height()), mixed(whole.width(), whole.height());
-  for (const Group& group : groups_)
-    for (const auto& set : group.sets) {
-      const Plane& light = frame.at(set[channel]);
-      add_scaled(sum, light, 1);
-      add_scaled(mixed, light, static_cast<float>(group.factor[static_cast<int>(channel)]));
-    }
+  // Row by row, so that all of it stays in the cache: this runs for every step of a slider.
+  std::vector<float> sum(columns), mixed(columns);
   double all = 0, all_mixed = 0;
-  for (int y = 0; y < whole.height(); ++y)
-    for (int x = 0; x < whole.width(); ++x) {
-      all += static_cast<double>(sum(x, y));
-      all_mixed += static_cast<double>(mixed(x, y));
+  std::vector<std::pair<int, int>> black;
+  for (int y = 0; y < whole.height(); ++y) {
+    std::fill(sum.begin(), sum.end(), 0.0f);
+    std::fill(mixed.begin(), mixed.end(), 0.0f);
+    for (const Group& group : groups_)
+      for (const auto& set : group.sets) {
+        const float* const light = frame.at(set[channel]).row(y);
+        add_scaled(sum.data(), light, 1, columns);
+        add_scaled(mixed.data(), light, static_cast<float>(group.factor[static_cast<int>(channel)]), columns);
+      }
+    float* const row = whole.row(y);
+    float of_row = 0, of_row_mixed = 0;
+    for (size_t x = 0; x < columns; ++x) {
+      of_row += sum[x];
+      of_row_mixed += mixed[x];
+      if (sum[x] > 0)
+        row[x] *= mixed[x] / sum[x];
+      else if (row[x] != 0)
+        black.emplace_back(static_cast<int>(x), y);
     }
+    all += static_cast<double>(of_row);
+    all_mixed += static_cast<double>(of_row_mixed);
+  }
   const float mean = all > 0 ? static_cast<float>(all_mixed / all) : 1.0f;
-  for (int y = 0; y < whole.height(); ++y)
-    for (int x = 0; x < whole.width(); ++x) whole(x, y) *= sum(x, y) > 0 ? mixed(x, y) / sum(x, y) : mean;
+  for (const auto& [x, y] : black) whole(x, y) *= mean;
   return whole;
 }
 
