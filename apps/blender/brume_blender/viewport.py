@@ -39,22 +39,19 @@ def viewport_of(engine):
 
 
 def _hear_of_light_groups():
-    """Blender evaluates nothing anew when something is put into another light group. What listens is lost with the file, as
-    are its viewports."""
+    """Blender tells no engine that something is put into another light group. What listens is lost with the file, as are its
+    viewports."""
     bpy.msgbus.clear_by_owner(_viewports_owner)
     for key in ((bpy.types.Object, "lightgroup"), (bpy.types.World, "lightgroup"), (bpy.types.Lightgroup, "name")):
-        bpy.msgbus.subscribe_rna(key=key, owner=_viewports_owner, args=(), notify=_evaluate_light_groups)
+        bpy.msgbus.subscribe_rna(key=key, owner=_viewports_owner, args=(), notify=_translate_again)
 
 
-def _evaluate_light_groups():
-    depsgraph = bpy.context.view_layer.depsgraph
-    for thing in [*bpy.context.scene.objects, bpy.context.scene.world]:
-        if thing is not None and thing.evaluated_get(depsgraph).lightgroup != thing.lightgroup:
-            thing.update_tag()
+def _translate_again():
     for viewport in list(_viewports.values()):
         engine = viewport._engine()
         if engine is not None:
             engine.tag_update()
+            engine.tag_redraw()
 
 
 def close_viewport_of(engine):
