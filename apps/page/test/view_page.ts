@@ -6,7 +6,7 @@ import { mkdirSync, readFileSync } from "node:fs";
 import { createServer, request, type Server } from "node:http";
 import { connect, type AddressInfo, type Socket } from "node:net";
 import { dirname, join } from "node:path";
-import test, { after, before } from "node:test";
+import test, { after } from "node:test";
 import { fileURLToPath } from "node:url";
 import type { Browser, BrowserContext, Locator, Page } from "playwright-core";
 import { chromium, comesTo, drawn } from "./browser";
@@ -23,12 +23,14 @@ export const DESKTOP = { width: 1280, height: 800 };
 export const SMALL = { width: 800, height: 460 };
 export const NARROW = { width: 320, height: 640 };
 
-let browser: Browser;
+/** Launched by the first page: hooks of a file may ask for one before those of others have run. */
+let launching: Promise<Browser> | undefined;
 /** What pages said that they should not have. */
 const complaints: string[] = [];
 
 export async function context(viewport = DESKTOP, more: object = {}): Promise<BrowserContext> {
-  const made = await browser.newContext({ viewport, acceptDownloads: true, deviceScaleFactor: 1, ...more });
+  launching ??= chromium.launch({ executablePath: program, args: ["--disable-dev-shm-usage"] });
+  const made = await (await launching).newContext({ viewport, acceptDownloads: true, deviceScaleFactor: 1, ...more });
   made.setDefaultTimeout(240_000);
   return made;
 }
@@ -71,12 +73,9 @@ export async function slide(slider: Locator, value: number): Promise<void> {
 
 /** Has the file's tests run in a browser, and judges at their end what pages said. */
 export function inBrowser(tests: () => void): void {
-  before(async () => {
-    browser = await chromium.launch({ executablePath: program, args: ["--disable-dev-shm-usage"] });
-  });
-  after(() => browser?.close());
   tests();
   test("no page said anything unexpected", () => assert.deepEqual(complaints, []));
+  after(async () => (await launching)?.close());
 }
 
 // The page with a made-up program (view_fake.ts).
