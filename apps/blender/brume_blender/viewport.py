@@ -58,6 +58,8 @@ def close_viewport_of(engine):
     viewport = _viewports.pop(id(engine), None)
     if viewport is not None:
         viewport.close()
+    if not _viewports:
+        bpy.msgbus.clear_by_owner(_viewports_owner)
 
 
 class Viewport:
