@@ -178,6 +178,12 @@ Layers Cleaner::clean(Layers frame, bool parts) {
   return all;
 }
 
+void Cleaner::clean_lights_of_picture() {
+  const Stopwatch watch;
+  clean_lights(filter_, options_of(exposure_, outliers_), picture_, picture_, host_.silent());
+  seconds_ += watch.seconds();
+}
+
 double Cleaner::relative_square(double error, const RgbPlanes& rgb, int x, int y) const {
   const double mean = luminance(vec3((*rgb[0])(x, y), (*rgb[1])(x, y), (*rgb[2])(x, y))) * exposure_;
   return error * error * exposure_ * exposure_ / (mean * mean + 0.01);

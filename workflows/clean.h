@@ -43,6 +43,8 @@ class Cleaner {
   const FilterSettings& filter() const { return filter_; }
   /// The clean picture of the last round.
   const Layers& picture() const { return picture_; }
+  /// Cleans its light groups, too: they add up to it.
+  void clean_lights_of_picture();
   double seconds() const { return seconds_; }
 
  private:

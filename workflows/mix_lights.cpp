@@ -22,6 +22,8 @@ constexpr std::string_view kLight[] = {"beauty", "direct",  "indirect",         
                                        "single", "surface", "surface_emission", "volume_indirect",   "surface_indirect",
                                        "noisy",  "flash",   "catcher",          "catcher_unshadowed"};
 
+constexpr std::string_view kGiveGroups = "give lights a group in the scene, or set light_groups = true in [render]";
+
 /// The layer of a channel, without its statistic and without "clean_".
 std::string_view layer_of(std::string_view channel) {
   if (channel == "R" || channel == "G" || channel == "B") return "beauty";
@@ -49,13 +51,6 @@ std::string group_of(std::string_view channel) {
 dvec3 factor_of(const LightMix& mix, const std::string& group) {
   const auto found = mix.find(group);
   return found == mix.end() ? dvec3(1) : found->second;
-}
-
-void check_groups(const LightMix& mix, const std::vector<std::string>& groups, const std::string& of) {
-  for (const auto& [group, factor] : mix)
-    if (std::find(groups.begin(), groups.end(), group) == groups.end())
-      throw InputError(
-          fmt::format("no light group '{}'{}; {} has: {}", group, suggestion(group, groups), of, join(groups)));
 }
 
 Plane times(const Plane& plane, double factor) {
@@ -86,12 +81,26 @@ void add_to_mix(LightMix& mix, const std::string& assignment) {
   entry->second *= factor;
 }
 
+void check_light_groups(const LightMix& mix, const std::vector<std::string>& groups, const std::string& of) {
+  for (const auto& [group, factor] : mix) {
+    if (std::find(groups.begin(), groups.end(), group) != groups.end()) continue;
+    if (groups.empty()) throw InputError(fmt::format("no light group '{}': {} has none; {}", group, of, kGiveGroups));
+    throw InputError(
+        fmt::format("no light group '{}'{}; {} has: {}", group, suggestion(group, groups), of, join(groups)));
+  }
+}
+
+std::string text_of_mix(const LightMix& mix) {
+  std::vector<std::string> said;
+  for (const auto& [group, factor] : mix)
+    said.push_back(fmt::format("{} = {}, {}, {}", group, factor.x, factor.y, factor.z));
+  return join(said, "; ");
+}
+
 Layers mix_lights(const Layers& frame, const LightMix& mix) {
   const std::vector<std::string> groups = light_groups_in(frame);
-  if (groups.empty())
-    throw InputError(
-        "has no light groups to mix; give lights a group in the scene, or set light_groups = true in [render]");
-  check_groups(mix, groups, "the frame");
+  if (groups.empty()) throw InputError(fmt::format("has no light groups to mix; {}", kGiveGroups));
+  check_light_groups(mix, groups, "the frame");
   Layers mixed = frame.without_channels();
   for (const auto& [name, plane] : frame.channels()) {
     const std::string group = group_of(name);
@@ -125,10 +134,7 @@ Layers mix_lights(const Layers& frame, const LightMix& mix) {
   } else {
     sum(light_layer, layer::beauty);
   }
-  std::vector<std::string> said;
-  for (const auto& [group, factor] : mix)
-    said.push_back(fmt::format("{} = {}, {}, {}", group, factor.x, factor.y, factor.z));
-  mixed.header["lightMix"] = join(said, "; ");
+  mixed.header["lightMix"] = text_of_mix(mix);
   return mixed;
 }
 
@@ -136,7 +142,7 @@ std::vector<std::string> assignments_of_mix(const std::string& text, const std::
                                             const LightMix& mix) {
   const Scene scene = parse_scene_alone(text, path);
   const LightGroups groups = light_groups_of(scene);
-  check_groups(mix, groups.names, "the scene");
+  check_light_groups(mix, groups.names, "the scene");
   std::vector<std::string> assignments;
   const auto multiply = [&](const std::string& table, const char* key, const dvec3& value, const dvec3& factor) {
     if (value == dvec3(0) || factor == dvec3(1)) return;

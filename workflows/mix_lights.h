@@ -16,6 +16,12 @@ using LightMix = std::map<std::string, dvec3>;
 /// @throws InputError for what is neither
 void add_to_mix(LightMix& mix, const std::string& assignment);
 
+/// @param of  who has the groups, for the message   @throws InputError for a group that is none of them
+void check_light_groups(const LightMix& mix, const std::vector<std::string>& groups, const std::string& of);
+
+/// "key = 2, 2, 2; rim = 0, 0, 0"
+std::string text_of_mix(const LightMix& mix);
+
 /// A frame with light groups as it would be with other lights: the sum of its groups, clean ones where it is clean.
 /// Groups have their new light and statistics; parts of the picture that are not known by group are left out.
 /// @throws InputError for a frame without groups, or without one that is named

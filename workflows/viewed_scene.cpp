@@ -103,6 +103,14 @@ std::string ViewedText::command(const std::vector<std::string>& own, const ivec2
   return line;
 }
 
+std::vector<std::string> ViewedText::mixed(std::vector<std::string> own, const ivec2& size, std::optional<int> frame,
+                                           const LightMix& mix) const {
+  if (!mix.empty())
+    for (std::string& assignment : assignments_of_mix(scene(own, size, frame), path, mix))
+      own.push_back(std::move(assignment));
+  return own;
+}
+
 ViewedScene::ViewedScene(fs::path scene, std::vector<int> frames, std::vector<std::string> overrides,
                          LayerRequest layers)
     : source_{std::move(scene), std::move(frames), std::move(overrides), {}},

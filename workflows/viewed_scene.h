@@ -13,6 +13,7 @@
 #include "render/scene/scene_outline.h"
 #include "render/session/renderer.h"
 #include "render/world/volume_scene.h"
+#include "workflows/mix_lights.h"
 #include "workflows/scene_cache.h"
 
 namespace brume {
@@ -34,6 +35,9 @@ struct ViewedText {
   std::string scene(const std::vector<std::string>& own, const ivec2& size, std::optional<int> frame) const;
   /// What renders it in full quality, for a shell: with what was guessed, where that would not be guessed again.
   std::string command(const std::vector<std::string>& own, const ivec2& size, std::optional<int> frame) const;
+  /// Assignments and what makes the scene's lights as they are mixed. @throws InputError: as scene, assignments_of_mix
+  std::vector<std::string> mixed(std::vector<std::string> own, const ivec2& size, std::optional<int> frame,
+                                 const LightMix& mix) const;
   std::optional<int> frame_of(std::optional<int> frame) const;
 };
 

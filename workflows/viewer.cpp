@@ -12,12 +12,15 @@
 #include "base/error.h"
 #include "base/sequence.h"
 #include "image/guide_names.h"
+#include "image/light_layers.h"
 #include "image/packed_half.h"
 #include "image/usable_colors.h"
+#include "render/scene/light_groups.h"
 #include "render/scene/scene_io.h"
 #include "volume/tracking.h"
 #include "workflows/scene.h"
 #include "workflows/version.h"
+#include "workflows/viewed_layers.h"
 
 namespace brume {
 namespace {
@@ -41,54 +44,6 @@ constexpr double kTellEvery = 0.1;       // s between words about progress
 constexpr int kFirstRound = 8;           // samples a pixel
 constexpr int kGuideSamples = ViewedScene::kGuideSamples;
 constexpr double kFar = 1e30;  // scene units
-
-const std::string kPicture = "picture", kAlpha = "alpha";
-
-/// Names of the channels that a name of ViewSceneText::layers stands for; several sets are added up. Empty ones: there
-/// is no such layer.
-std::vector<std::vector<std::string>> channels_of(const Layers& frame, const std::string& layer, bool predicted) {
-  const auto group = [&](const std::string& name) {
-    std::vector<std::string> channels;
-    for (const char* letters : {"RGB", "XYZ", "Y", "Z", "A"}) {
-      channels.clear();
-      for (const char* c = letters; *c; ++c)
-        if (std::string channel = name.empty() ? std::string(1, *c) : name + "." + *c; frame.find(channel))
-          channels.push_back(std::move(channel));
-      if (channels.size() == std::string_view(letters).size()) return channels;
-    }
-    channels.clear();
-    return channels;
-  };
-  std::vector<std::vector<std::string>> sets;
-  if (layer == kAlpha) {
-    for (const char* channel :
-         {"guide.opacity.Y", "guide.surface_material.R", "guide.surface_material.G", "guide.surface_material.B"})
-      if (frame.find(channel)) sets.push_back({channel});
-    if (sets.empty() && frame.find("A")) sets = {{"A"}};
-  } else if (!predicted)
-    sets = {group(layer == kPicture ? "" : layer)};
-  else if (layer == kPicture)
-    sets = {group("guide.predicted_direct"), group("guide.predicted_indirect")};
-  else if (layer == "direct" || layer == "clean_direct")
-    sets = {group("guide.predicted_direct")};
-  else if (layer == "indirect" || layer == "clean_indirect")
-    sets = {group("guide.predicted_indirect")};
-  else
-    sets = {group(layer)};
-  std::erase_if(sets, [](const auto& set) { return set.empty(); });
-  return sets;
-}
-
-/// The sum of a channel over sets.
-Plane sum_of(const Layers& frame, const std::vector<std::vector<std::string>>& sets, size_t channel) {
-  Plane sum = frame.at(sets[0][channel]);
-  for (size_t other = 1; other < sets.size(); ++other) {
-    const Plane& more = frame.at(sets[other][channel]);
-    for (int y = 0; y < sum.height(); ++y)
-      for (int x = 0; x < sum.width(); ++x) sum(x, y) += more(x, y);
-  }
-  return sum;
-}
 
 /// Drawn larger, bilinearly; the middles of its pixels stay where they are in the picture.
 Plane enlarged(const Plane& from, int width, int height) {
@@ -136,7 +91,7 @@ std::vector<ViewSceneText::Layer> guides_in(const Layers& frame) {
 }
 
 const std::vector<ViewSceneText::Layer> kTracedLayers = {
-    {kPicture, "picture", 3, "", "W/(m^2 sr)"},
+    {kViewedPicture, "picture", 3, "", "W/(m^2 sr)"},
     {"noisy", "noisy", 3, "path traced", "W/(m^2 sr)"},
     {"clean_direct", "direct, clean", 3, "path traced", "W/(m^2 sr)"},
     {"clean_indirect", "indirect, clean", 3, "path traced", "W/(m^2 sr)"},
@@ -244,6 +199,11 @@ void Viewer::look(ViewLook look) {
   const std::lock_guard lock(mutex_);
   paused_ = false;
   if (resting_ && !next_ && !look.moving && look.shows_as(*last_)) {
+    try {
+      check_light_groups(look.mix, told_scene_.light_groups, "the scene");
+    } catch (const InputError& error) {
+      return listener_.problem({look.id, error.what()});
+    }
     last_ = std::move(look);
     if (last_->needs_scene) {
       told_scene_.id = last_->id;
@@ -324,17 +284,32 @@ std::shared_ptr<const Layers> Viewer::frame() const {
 }
 
 std::shared_ptr<const Layers> Viewer::frame(const ViewLook& look) const {
-  std::shared_ptr<const Layers> predicted;
+  std::shared_ptr<const Layers> kept;
+  bool predicted = false;
   {
     const std::lock_guard lock(mutex_);
-    if (traced_.frame && traced_.look.shows_as(look)) return traced_.frame;
-    if (!predicted_.frame || !predicted_.about.full || !predicted_.look.shows_as(look)) return nullptr;
-    predicted = predicted_.frame;
+    if (traced_.frame && traced_.look.shows_as(look)) {
+      kept = traced_.frame;
+    } else if (predicted_.frame && predicted_.about.full && predicted_.look.shows_as(look)) {
+      kept = predicted_.frame;
+      predicted = true;
+    }
+    if (kept) check_light_groups(look.mix, told_scene_.light_groups, "the scene");
   }
-  const auto sets = channels_of(*predicted, kPicture, /*predicted=*/true);
-  if (sets.empty()) return nullptr;
-  auto frame = std::make_shared<Layers>(*predicted);
-  for (size_t c = 0; c < 3; ++c) frame->set(std::string(1, "RGB"[c]), sum_of(*predicted, sets, c));
+  if (!kept || (!predicted && look.mix.empty())) return kept;
+  if (!predicted) {
+    const std::vector<std::string> groups = light_groups_in(*kept);
+    const bool clean = std::all_of(groups.begin(), groups.end(), [&](const std::string& group) {
+      return kept->find(clean_light_layer(group) + ".R") != nullptr;
+    });
+    return clean ? std::make_shared<const Layers>(mix_lights(*kept, look.mix)) : nullptr;
+  }
+  const ViewedLayer picture(*kept, kViewedPicture, /*predicted=*/true, look.mix);
+  if (picture.empty() || picture.misses_mix()) return nullptr;
+  // Guides are of the light as it was.
+  auto frame = std::make_shared<Layers>(look.mix.empty() ? *kept : kept->without_channels());
+  for (size_t c = 0; c < 3; ++c) frame->set(std::string(1, "RGB"[c]), picture.plane(*kept, c));
+  if (!look.mix.empty()) frame->header["lightMix"] = text_of_mix(look.mix);
   return frame;
 }
 
@@ -355,7 +330,7 @@ std::string Viewer::scene_text(const ViewLook& look) const {
     text = text_;
   }
   if (!text) throw InputError(fmt::format("{}: has not been read yet", options_.scene.string()));
-  return text->scene(look.assignments, look.size, look.frame);
+  return text->scene(text->mixed(look.assignments, look.size, look.frame, look.mix), look.size, look.frame);
 }
 
 std::string Viewer::command(const ViewLook& look) const {
@@ -365,7 +340,17 @@ std::string Viewer::command(const ViewLook& look) const {
     text = text_;
   }
   if (!text) text = std::make_shared<ViewedText>(ViewedText{options_.scene, options_.frames, options_.overrides});
-  return text->command(look.assignments, look.size, look.frame);
+  return text->command(text->mixed(look.assignments, look.size, look.frame, look.mix), look.size, look.frame);
+}
+
+std::vector<std::string> Viewer::mix_assignments(const ViewLook& look) const {
+  std::shared_ptr<const ViewedText> text;
+  {
+    const std::lock_guard lock(mutex_);
+    text = text_;
+  }
+  if (!text) throw InputError(fmt::format("{}: has not been read yet", options_.scene.string()));
+  return assignments_of_mix(text->scene(look.assignments, look.size, look.frame), text->path, look.mix);
 }
 
 void Viewer::run() {
@@ -473,6 +458,7 @@ void Viewer::answer(const ViewLook& look) {
   if (reads) tell(ViewStage::kReading);
   const bool changed = update_scene(look, reads, reads ? told(ViewStage::kReading, whole) : whole);
   if (!look.moving || reloaded || look.needs_scene) tell_scene(look, reloaded);
+  check_light_groups(look.mix, light_groups_of(scene_.prepared().scene()).names, "the scene");
   const bool predicts = scene_.prepared().medium() || !scene_.prepared().context().emissions.empty();
   if (predicts) {
     if (changed) {
@@ -584,17 +570,16 @@ class Viewer::Emerging {
     const ViewLook look = viewer_.current();
     Layers seen(frame_.width(), frame_.height());
     for (const std::string& layer : look.layers)
-      for (const auto& set : channels_of(frame_, layer, /*predicted=*/true))
-        for (const std::string& channel : set) {
-          if (seen.find(channel)) continue;
-          const Plane* const before = coarse_ ? coarse_->find(channel) : nullptr;
-          Plane plane = before ? enlarged(*before, seen.width(), seen.height()) : Plane(seen.width(), seen.height());
-          const Plane& now = frame_.at(channel);
-          for (const PixelWindow& tile : tiles_)
-            for (int y = tile.lo.y; y < tile.hi.y; ++y)
-              std::copy(now.row(y) + tile.lo.x, now.row(y) + tile.hi.x, plane.row(y) + tile.lo.x);
-          seen.set(channel, std::move(plane));
-        }
+      for (const std::string& channel : ViewedLayer(frame_, layer, /*predicted=*/true, look.mix).sources()) {
+        if (seen.find(channel)) continue;
+        const Plane* const before = coarse_ ? coarse_->find(channel) : nullptr;
+        Plane plane = before ? enlarged(*before, seen.width(), seen.height()) : Plane(seen.width(), seen.height());
+        const Plane& now = frame_.at(channel);
+        for (const PixelWindow& tile : tiles_)
+          for (int y = tile.lo.y; y < tile.hi.y; ++y)
+            std::copy(now.row(y) + tile.lo.x, now.row(y) + tile.hi.x, plane.row(y) + tile.lo.x);
+        seen.set(channel, std::move(plane));
+      }
     ViewPicture known = viewer_.about(/*predicted=*/true, 0, {});
     known.full = false;
     viewer_.show(look, known, seen);
@@ -669,6 +654,7 @@ void Viewer::trace(const ViewLook& look, const Task& task) {
   const double pixels = 1.0 * look.size.x * look.size.y;
   double taken = 0, begin = 0, goal = kFirstRound;  // samples a pixel, on average: now, and of the round
   int samples = 0;                                  // a pixel of the picture that is shown, on average
+  const bool has_groups = !light_groups_of(prepared.scene()).names.empty();
   const auto error = [&] { return cleaner.error() >= 0 ? std::optional(cleaner.error()) : std::nullopt; };
   const auto progress = [&](ViewStage stage, double share) {
     tell({.stage = stage,
@@ -694,11 +680,26 @@ void Viewer::trace(const ViewLook& look, const Task& task) {
       sum += static_cast<double>(round.film.bounds(t).pixels()) * round.film.taken(t);
     samples = static_cast<int>(std::lround(sum / pixels));
     guides.reset();
-    keep(traced_, std::make_shared<const Layers>(cleaner.picture()), look,
-         about(/*predicted=*/false, samples, error()));
-    {
+    const auto store_picture = [&] {
+      store(traced_, std::make_shared<const Layers>(cleaner.picture()), look,
+            about(/*predicted=*/false, samples, error()));
       const std::lock_guard lock(mutex_);
       predicted_.frame.reset();
+    };
+    const auto shows_groups = [&] {
+      const ViewLook now = current();
+      return !now.mix.empty() || std::any_of(now.layers.begin(), now.layers.end(),
+                                             [](const std::string& layer) { return layer.starts_with(kLightPrefix); });
+    };
+    // The picture does not wait for its groups, unless they are what is seen.
+    if (!has_groups || !shows_groups()) {
+      store_picture();
+      show(current(), traced_);
+    }
+    if (has_groups) {
+      cleaner.clean_lights_of_picture();
+      store_picture();
+      if (shows_groups()) show(current(), traced_);
     }
     begin = taken;
     goal = 0;
@@ -713,11 +714,13 @@ void Viewer::trace(const ViewLook& look, const Task& task) {
   tell({.stage = ViewStage::kDone, .samples = samples, .goal = samples, .error = error()});
 }
 
+void Viewer::store(Kept& kept, std::shared_ptr<const Layers> frame, const ViewLook& look, const ViewPicture& about) {
+  const std::lock_guard lock(mutex_);
+  kept = {std::move(frame), look, about};
+}
+
 void Viewer::keep(Kept& kept, std::shared_ptr<const Layers> frame, const ViewLook& look, const ViewPicture& about) {
-  {
-    const std::lock_guard lock(mutex_);
-    kept = {frame, look, about};
-  }
+  store(kept, frame, look, about);
   show(current(), about, *frame);
 }
 
@@ -739,19 +742,20 @@ ViewPicture Viewer::about(bool predicted, int samples, std::optional<double> err
 
 void Viewer::show(const ViewLook& look, const ViewPicture& about, const Layers& frame) {
   for (const std::string& layer : look.layers) {
-    const auto sets = channels_of(frame, layer, about.predicted);
-    if (sets.empty()) continue;
+    const ViewedLayer viewed(frame, layer, about.predicted, look.mix);
+    if (viewed.empty()) continue;
     ViewPicture picture = about;
     picture.id = look.id;
     picture.layer = layer;
     picture.width = frame.width();
     picture.height = frame.height();
-    picture.channels = static_cast<int>(sets[0].size());
+    picture.channels = static_cast<int>(viewed.channel_count());
+    picture.misses_mix = viewed.misses_mix();
     Layers shown(frame.width(), frame.height());
     describe_colors(shown, scene_.prepared().scene().film);
-    for (size_t c = 0; c < sets[0].size(); ++c) shown.set(sets[0][c], sum_of(frame, sets, c));
+    for (size_t c = 0; c < viewed.channel_count(); ++c) shown.set(viewed.channels()[c], viewed.plane(frame, c));
     convert_to_rec709(shown, layer);
-    for (const std::string& channel : sets[0]) {
+    for (const std::string& channel : viewed.channels()) {
       const std::vector<uint16_t> halves = half_bits(shown.at(channel));
       picture.halves.insert(picture.halves.end(), halves.begin(), halves.end());
     }
@@ -800,6 +804,9 @@ void Viewer::tell_scene(const ViewLook& look, bool reloaded) {
     text.hi = prepared.scene().camera.look_at + 1.0;
   }
   text.layers = kTracedLayers;
+  text.light_groups = light_groups_of(prepared.scene()).names;
+  for (const std::string& group : text.light_groups)
+    text.layers.push_back({light_layer(group), group, 3, "light groups", "W/(m^2 sr)"});
   text.layers.insert(text.layers.end(), guide_layers_.begin(), guide_layers_.end());
   told_layers_ = guide_layers_;
   text.notes = scene_.notes();

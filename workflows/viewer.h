@@ -15,6 +15,7 @@
 #include "render/scene/scene_outline.h"
 #include "workflows/clean.h"
 #include "workflows/host.h"
+#include "workflows/mix_lights.h"
 #include "workflows/viewed_scene.h"
 
 namespace brume {
@@ -29,11 +30,13 @@ struct ViewLook {
   std::optional<int> frame;
   bool needs_scene = false;    ///< who looks has been told nothing of the scene yet
   int most_samples = 1 << 20;  ///< per pixel
+  /// Of light groups, in what is shown and kept; nothing is rendered again for it.
+  LightMix mix = {};
   /// Of the scene's text: where another one was looked at before, the file is read again, and of those that it names
   /// the ones that are new.
   uint64_t revision = 0;
 
-  /// Whether the same is to be seen, of whichever layers.
+  /// Whether the same is rendered for it, of whichever layers and mix.
   bool shows_as(const ViewLook& other) const {
     return assignments == other.assignments && size == other.size && frame == other.frame &&
            most_samples == other.most_samples && revision == other.revision;
@@ -51,9 +54,10 @@ struct ViewPicture {
   uint64_t id = 0;
   std::string layer;
   int width = 0, height = 0, channels = 0;
-  bool predicted = false;  ///< from guides alone; else path traced and clean
-  bool full = true;        ///< of the size asked for, and no better prediction follows
-  int samples = 0;         ///< per pixel, on average
+  bool predicted = false;   ///< from guides alone; else path traced and clean
+  bool full = true;         ///< of the size asked for, and no better prediction follows
+  bool misses_mix = false;  ///< lights are as rendered, although a mix is asked for: it is not known by light group
+  int samples = 0;          ///< per pixel, on average
   std::optional<double> error;
   double seconds = 0;  ///< since it was asked for
   double exposure = 1;
@@ -81,6 +85,7 @@ struct ViewSceneText {
   std::vector<int> frames;
   dvec3 lo{0}, hi{0};  ///< of what the volumes and lights that are seen fill
   std::vector<Layer> layers;
+  std::vector<std::string> light_groups;  ///< that can be mixed
   std::vector<std::string> notes, left_out;
   std::vector<Table> tables;
 };
@@ -140,8 +145,8 @@ class Viewer {
   ~Viewer();
   Viewer(Viewer&&) = delete;
 
-  /// Takes the place of all looks before. One that asks for other layers alone is answered with those of the picture
-  /// that is there, and what is being computed goes on.
+  /// Takes the place of all looks before. One that asks for other layers or another mix alone is answered with those of
+  /// the picture that is there, and what is being computed goes on.
   void look(ViewLook look);
   void probe(const ViewProbe& probe);
   /// Ends what is being computed; the next look goes on.
@@ -153,7 +158,8 @@ class Viewer {
   /// The last frame that was path traced and cleaned, with all layers; null before.
   std::shared_ptr<const Layers> frame() const;
   /// The best frame of this very look, whichever its layers: path traced and cleaned, or the whole predicted picture
-  /// with its guides; null where neither is there yet.
+  /// with its guides; mixed without what is not known by light group; null where neither is there yet.
+  /// @throws InputError for a light group that the scene does not have
   std::shared_ptr<const Layers> frame(const ViewLook& look) const;
   /// The scene as it was looked at last, as a file of its own; empty before.
   std::string scene_text() const;
@@ -162,6 +168,9 @@ class Viewer {
   std::string scene_text(const ViewLook& look) const;
   /// What renders the look in full quality, for a shell.
   std::string command(const ViewLook& look) const;
+  /// What makes the lights of the look's scene as it mixes them. @throws InputError: as assignments_of_mix; nothing has
+  /// been read yet
+  std::vector<std::string> mix_assignments(const ViewLook& look) const;
 
  private:
   class Emerging;
@@ -200,6 +209,7 @@ class Viewer {
   void trace(const ViewLook& look, const Task& task);
   void show(const ViewLook& look, const ViewPicture& about, const Layers& frame);
   void show(const ViewLook& look, const Kept& kept) { show(look, kept.about, *kept.frame); }
+  void store(Kept& kept, std::shared_ptr<const Layers> frame, const ViewLook& look, const ViewPicture& about);
   /// Keeps a frame of the look, and shows it.
   void keep(Kept& kept, std::shared_ptr<const Layers> frame, const ViewLook& look, const ViewPicture& about);
   /// With what is known of the scene that is shown; without a layer.

@@ -44,6 +44,25 @@ std::vector<std::string> texts(const json& message, const char* key, size_t most
   return value.get<std::vector<std::string>>();
 }
 
+/// {"key": 2, "fill": [1, 0.8, 0.6]}: groups whose light is as rendered are left out.
+LightMix mix_of(const json& value) {
+  if (!value.is_object() || value.size() > kMostMixed)
+    throw InputError(fmt::format("\"mix\" of a message is no object of at most {} light groups", kMostMixed));
+  LightMix mix;
+  for (const auto& [group, factor] : value.items()) {
+    const auto is_gain = [](const json& v) {
+      return v.is_number() && v.get<double>() >= 0 && v.get<double>() <= kMostGain;
+    };
+    const bool three = factor.is_array() && factor.size() == 3 && std::all_of(factor.begin(), factor.end(), is_gain);
+    if (!three && !is_gain(factor))
+      throw InputError(fmt::format(
+          "\"mix\" of a message: expected a number from 0 to {:g}, or three of them, for each light group", kMostGain));
+    const dvec3 gain = three ? dvec3(factor[0], factor[1], factor[2]) : dvec3(factor.get<double>());
+    if (gain != dvec3(1)) mix[group] = gain;
+  }
+  return mix;
+}
+
 ViewLook look_of(const json& message) {
   ViewLook look;
   look.id = whole_number(message, "id");
@@ -58,6 +77,7 @@ ViewLook look_of(const json& message) {
         fmt::format("a picture of {} x {} is asked for, expected 1 to {}", look.size.x, look.size.y, kLargestSide));
   look.moving = message.value("moving", json(false)) == json(true);
   if (message.contains("revision")) look.revision = whole_number(message, "revision");
+  if (const auto mix = message.find("mix"); mix != message.end()) look.mix = mix_of(*mix);
   if (message.contains("samples"))
     look.most_samples = static_cast<int>(std::clamp<uint64_t>(whole_number(message, "samples"), 1, look.most_samples));
   if (const auto frame = message.find("frame"); frame != message.end() && !frame->is_null()) {
@@ -142,17 +162,19 @@ std::string text_of(const ViewSceneText& scene) {
     if (table.depth) group["optical_depth"] = *table.depth;
     tables.push_back(std::move(group));
   }
-  return dumped({{"type", "scene"},
-                 {"id", scene.id},
-                 {"name", scene.name},
-                 {"command", scene.command},
-                 {"reloaded", scene.reloaded},
-                 {"frames", scene.frames.empty() ? json(nullptr) : json(scene.frames)},
-                 {"bounds", {json_of(scene.lo), json_of(scene.hi)}},
-                 {"layers", layers},
-                 {"notes", scene.notes},
-                 {"left_out", scene.left_out},
-                 {"groups", tables}});
+  json message = {{"type", "scene"},
+                  {"id", scene.id},
+                  {"name", scene.name},
+                  {"command", scene.command},
+                  {"reloaded", scene.reloaded},
+                  {"frames", scene.frames.empty() ? json(nullptr) : json(scene.frames)},
+                  {"bounds", {json_of(scene.lo), json_of(scene.hi)}},
+                  {"layers", layers},
+                  {"notes", scene.notes},
+                  {"left_out", scene.left_out},
+                  {"groups", tables}};
+  if (!scene.light_groups.empty()) message["light_groups"] = scene.light_groups;
+  return dumped(message);
 }
 
 std::string progress_text(const ViewProgress& p) {
@@ -182,24 +204,22 @@ std::string problem_text(const ViewProblem& problem) {
   return dumped(message);
 }
 
+std::string assignments_text(const std::vector<std::string>& assignments) {
+  return dumped(assignments);
+}
+
 std::string point_text(uint64_t id, std::optional<dvec3> position) {
   return dumped({{"type", "point"}, {"id", id}, {"position", position ? json_of(*position) : json(nullptr)}});
 }
 
 std::string bytes_of(const ViewPicture& p) {
   static_assert(std::endian::native == std::endian::little);
-  std::string header = dumped({{"id", p.id},
-                               {"layer", p.layer},
-                               {"width", p.width},
-                               {"height", p.height},
-                               {"channels", p.channels},
-                               {"stage", p.predicted ? "predicted" : "clean"},
-                               {"full", p.full},
-                               {"samples", p.samples},
-                               {"error", json_of(p.error)},
-                               {"seconds", p.seconds},
-                               {"exposure", p.exposure},
-                               {"frame", p.frame ? json(*p.frame) : json(nullptr)}});
+  json about = {{"id", p.id},           {"layer", p.layer},       {"width", p.width},
+                {"height", p.height},   {"channels", p.channels}, {"stage", p.predicted ? "predicted" : "clean"},
+                {"full", p.full},       {"samples", p.samples},   {"error", json_of(p.error)},
+                {"seconds", p.seconds}, {"exposure", p.exposure}, {"frame", p.frame ? json(*p.frame) : json(nullptr)}};
+  if (p.misses_mix) about["mixed"] = false;
+  std::string header = dumped(about);
   header.resize((header.size() + 3) / 4 * 4, ' ');
   const auto length = static_cast<uint32_t>(header.size());
   std::string bytes(4 + header.size() + 2 * p.halves.size(), '\0');

@@ -388,14 +388,18 @@ Response Server::Implementation::file(std::string_view name, const std::optional
   if (name == "view.js") return reply.give("text/javascript; charset=utf-8", std::string(view_script));
   if (name == "view.css") return reply.give("text/css; charset=utf-8", std::string(view_style));
   if (name == "display.cube") return reply.give("application/octet-stream", options_.display_cube);
-  if (name == "frame.exr") return frame(look, std::move(reply));
   try {
+    if (name == "frame.exr") return frame(look, std::move(reply));
+    if (look && name == "mix")
+      return reply.give("application/json; charset=utf-8", assignments_text(viewer_->mix_assignments(*look)));
     if (look && name == "command") return reply.give("text/plain; charset=utf-8", viewer_->command(*look));
     if (name == "scene.toml")
       return reply.give("application/toml; charset=utf-8", look ? viewer_->scene_text(*look) : viewer_->scene_text(),
                         "scene.toml");
   } catch (const InputError& problem) {
     return reply.refuse(http::status::conflict, problem.what());
+  } catch (const std::exception& problem) {  // a request ends no program
+    return reply.refuse(http::status::internal_server_error, problem.what());
   }
   return reply.refuse(http::status::not_found, "no such file");
 }

@@ -12,6 +12,8 @@ import addon_scene as scenes  # noqa: E402
 from builder import Shader, diffuse  # noqa: E402
 from built import BuiltTest  # noqa: E402
 
+from brume_blender import light_mix  # noqa: E402
+
 WIDTH, HEIGHT = 48, 36
 
 
@@ -56,6 +58,22 @@ class LightGroups(BuiltTest):
         before = self.rendered("BRUME", 2)("Combined_sky")
         self.b.scene.cycles.film_exposure = 3
         np.testing.assert_allclose(self.rendered("BRUME", 2)("Combined_sky"), 3 * before, rtol=1e-5)
+
+    def test_are_mixed_in_the_viewport_alone(self):
+        before = self.rendered("BRUME", 2)("Combined")
+        light_mix.sync(self.layer)
+        light_mix.sync(self.layer)
+        self.assertEqual([entry.name for entry in self.layer.brume.mix], ["key light", "rest", "sky", ""])
+        self.assertEqual(light_mix.mix_of(self.layer, ["key_light", "_rest", "sky", "rest"]), {})
+        for group, gain in (("key light", 0), ("rest", 2), ("", 3)):
+            light_mix.entry_of(self.layer, group).gain = gain
+        light_mix.entry_of(self.layer, "rest").colour = (1, 0.5, 0)
+        wanted = {"key_light": [0, 0, 0], "_rest": [2, 1, 0]}
+        self.assertEqual(light_mix.mix_of(self.layer, ["key_light", "_rest", "sky"]), wanted)
+        self.assertEqual(light_mix.mix_of(self.layer, ["rest"]), {"rest": [3, 3, 3]}, "of what has no group")
+        np.testing.assert_array_equal(self.rendered("BRUME", 2)("Combined"), before)
+        bpy.ops.brume.reset_light_mix()
+        self.assertEqual(light_mix.mix_of(self.layer, ["key_light", "_rest", "rest"]), {})
 
     def test_of_objects_that_share_a_volume_stay_apart(self):
         """One of two that stand elsewhere is of a group: the other's fire is not in it."""

@@ -87,6 +87,19 @@ class Viewport(unittest.TestCase):
         self.assertGreater(self.seen["pictures_a_second"], 0.3)  # software OpenGL draws so fast
         self.assertEqual(self.seen["samples"], 8)
 
+    def test_light_groups_are_mixed_without_rendering_again(self):
+        mix = self.seen["mix"]
+        self.assertEqual((mix["stage"], mix["samples"], mix["read_again"]), ("clean", 8, 0))
+        self.assertLess(mix["seconds"], 10)  # a frame or two on a machine that does nothing else
+        self.assertIn("8 samples", mix["state"])
+        self.assertIn("lights mixed", mix["state"])
+        self.assertLess(self.seen["mixed"]["off"], 0.004)
+        for before, without, rendered, twice in zip(mix["before"], mix["without"], mix["rendered"], mix["twice"]):
+            self.assertLess(without, 0.95 * before)
+            self.assertAlmostEqual(without / rendered, 1, delta=0.03)  # as the scene whose lamp is off
+            self.assertAlmostEqual(twice, 2, delta=0.002)
+        self.assertTrue(mix["reset"])
+
     def test_only_what_changed_is_written_again(self):
         self.assertEqual(self.seen["meshes_written_again"], 0)
         self.assertEqual(len(self.seen["meshes"]), 1, "the floor as it is, not as it was")

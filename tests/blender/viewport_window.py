@@ -17,8 +17,9 @@ import bpy
 import numpy as np
 from mathutils import Quaternion
 
-sys.path.insert(0, os.path.join(os.environ["BRUME_SOURCE"], "apps", "blender"))
+sys.path[:0] = [os.path.join(os.environ["BRUME_SOURCE"], "apps", "blender"), os.path.dirname(os.path.abspath(__file__))]
 addon_utils.enable("brume_blender", default_set=True)
+import viewport_mix  # noqa: E402
 from brume_blender import viewport as own  # noqa: E402
 from brume_blender.translate import beside  # noqa: E402
 
@@ -102,6 +103,8 @@ class Scenario:
         yield lambda: self.shown("clean") and not bpy.app.timers.is_registered(views()[0]._timer)
         self.compare("clean")
         seen["samples"] = views()[0]._shown.about["samples"]
+
+        yield from viewport_mix.steps(self, seen)
 
         ids, began = set(), time.monotonic()
         while time.monotonic() < began + 3:

@@ -33,8 +33,8 @@ using tcp = asio::ip::tcp;
 struct Running {
   web::Server server;
   std::string authority, secret;
-  explicit Running(const web::ServerOptions& options = {})
-      : server({test::source("data/scenes/cloud.toml"), {}, {}, "transport_regression"}, options, {}) {
+  explicit Running(const web::ServerOptions& options = {}, const std::vector<std::string>& overrides = {})
+      : server({test::source("data/scenes/cloud.toml"), {}, overrides, "transport_regression"}, options, {}) {
     const std::string address = server.address();
     const size_t slash = address.find('/', 7);
     authority = address.substr(7, slash - 7);
@@ -181,6 +181,36 @@ TEST(ViewServer, KeepsTheLookThatAPageSays) {
   EXPECT_EQ(post(r, "scene.toml", look(0).dump(), /*of_page=*/false).result_int(), 403u);
 }
 
+TEST(ViewServer, MixesLightGroups) {
+  const Running r({}, {"render.light_groups=true"});
+  Page page(r);
+  json mixed = look(3);
+  mixed["mix"] = {{"sun", 0.5}, {"sky", {1, 2, 3}}};
+  page.send(mixed);
+  const json scene = page.receive_until([](const json& m) { return m["type"] == "scene"; });
+  EXPECT_EQ(scene["light_groups"], json::array({"sky", "sun"}));
+  const json picture = page.receive_until([](const json& m) { return m["type"] == "picture" && m["full"] == true; });
+  EXPECT_FALSE(picture.contains("mixed"));
+  const json lights = json::parse(post(r, "mix", mixed.dump()).body());
+  ASSERT_EQ(lights.size(), 2u) << lights;
+  EXPECT_TRUE(lights[0].get<std::string>().starts_with("environment.radiance=[")) << lights;
+  EXPECT_TRUE(lights[1].get<std::string>().starts_with("lights.0.irradiance=[")) << lights;
+  EXPECT_EQ(json::parse(post(r, "mix", look(3).dump()).body()), json::array());
+  // What cannot be mixed is refused, and what can be goes on.
+  json unknown = look(4);
+  unknown["mix"] = {{"moon", 2}};
+  for (const char* name : {"mix", "scene.toml", "command", "frame.exr"}) {
+    const auto refused = post(r, name, unknown.dump());
+    ASSERT_EQ(refused.result_int(), 409u) << name;
+    EXPECT_NE(refused.body().find("no light group 'moon'"), std::string::npos) << refused.body();
+  }
+  page.send(unknown);
+  EXPECT_EQ(page.receive_until([](const json& m) { return m["type"] == "problem"; })["id"], 4);
+  mixed["id"] = 5;
+  page.send(mixed);
+  page.receive_until([](const json& m) { return m["type"] == "picture" && m["id"] == 5; });
+}
+
 TEST(ViewServer, APageWhoseTurnAnotherOneTakesIsToldAndGoesOnAfterIt) {
   const Running r;
   const auto clean = [](const json& m) { return m["type"] == "picture" && m["stage"] == "clean"; };
@@ -258,7 +288,12 @@ TEST(ViewServer, WrongMessagesAreAnsweredAndTheRightOneAfterThem) {
                             "{\"type\":\"probe\",\"id\":1,\"x\":2,\"y\":0}",
                             "{\"type\":\"look\",\"id\":1,\"set\":[1],\"size\":[3,3],\"layers\":[]}",
                             "{\"type\":\"look\",\"id\":1,\"set\":[],\"size\":[100000,3],\"layers\":[]}",
-                            "{\"type\":\"look\",\"id\":1,\"set\":[],\"size\":[3,3],\"layers\":[],\"samples\":-2}"}) {
+                            "{\"type\":\"look\",\"id\":1,\"set\":[],\"size\":[3,3],\"layers\":[],\"samples\":-2}",
+                            R"({"type":"look","id":1,"set":[],"size":[3,3],"layers":[],"mix":2})",
+                            R"({"type":"look","id":1,"set":[],"size":[3,3],"layers":[],"mix":{"key":-1}})",
+                            R"({"type":"look","id":1,"set":[],"size":[3,3],"layers":[],"mix":{"key":1e7}})",
+                            R"({"type":"look","id":1,"set":[],"size":[3,3],"layers":[],"mix":{"key":[1,2]}})",
+                            R"({"type":"look","id":1,"set":[],"size":[3,3],"layers":[],"mix":{"key":"2"}})"}) {
     page.send_text(wrong);
     EXPECT_EQ(page.receive()["type"], "problem") << wrong;
   }
@@ -293,17 +328,20 @@ std::string mutated(const std::string& text, Rng& rng) {
 TEST(ViewMessages, AHundredThousandWrongOnesAreRefusedOrUnderstood) {
   const std::string texts[] = {
       look(12).dump(), R"({"type":"probe","id":18,"x":0.5,"y":0.25})",
-      R"({"type":"look","id":17,"set":["camera.position=[0,-6,1]","lights.0.irradiance=[3,3,2]"],"size":[640,480],"moving":true,"layers":["picture","noisy"],"frame":12})"};
+      R"({"type":"look","id":17,"set":["camera.position=[0,-6,1]","lights.0.irradiance=[3,3,2]"],"size":[640,480],"moving":true,"layers":["picture","noisy"],"frame":12})",
+      R"({"type":"look","id":17,"set":[],"size":[640,480],"layers":["picture"],"mix":{"key":2,"rim":[1,0.5,0]}})"};
   Rng rng(31);
   int understood = 0;
   for (int i = 0; i < 100000; ++i) {
     try {
-      const auto wish = web::parse_message(mutated(texts[i % 3], rng));
+      const auto wish = web::parse_message(mutated(texts[i % 4], rng));
       ++understood;
       if (const auto* const l = std::get_if<ViewLook>(&wish)) {
         EXPECT_LE(l->assignments.size(), web::kMostAssignments);
         EXPECT_LE(l->layers.size(), web::kMostLayers);
         EXPECT_LE(std::max(l->size.x, l->size.y), web::kLargestSide);
+        for (const auto& [group, gain] : l->mix)
+          EXPECT_TRUE(std::min({gain.x, gain.y, gain.z}) >= 0 && std::max({gain.x, gain.y, gain.z}) <= web::kMostGain);
       }
     } catch (const InputError&) {
     }

@@ -12,9 +12,9 @@ bl_info = {  # for Blender before 4.2; later ones read blender_manifest.toml
 
 import bpy  # noqa: E402
 
-from . import engine, operators, panels, presets, properties  # noqa: E402
+from . import engine, light_mix, operators, panels, presets, properties  # noqa: E402
 
-MODULES = (properties, engine, presets, operators, panels)
+MODULES = (properties, engine, presets, operators, panels, light_mix)
 
 
 def _twin():

@@ -131,6 +131,7 @@ class Live:
         self._lock = threading.Lock()
         self._web, self._look, self._number = None, None, 0
         self._pictures, self._progress, self._problem, self._news = {}, {}, None, False
+        self._light_groups = []
         self._why_it_ended = None
         self._thread = threading.Thread(target=self._run, daemon=True)
         self._thread.start()
@@ -151,7 +152,7 @@ class Live:
         return self._number
 
     def news(self):
-        """Whether a picture or a problem came since the last call."""
+        """Whether a picture, other light groups or a problem came since the last call."""
         with self._lock:
             news, self._news = self._news, False
             return news
@@ -175,6 +176,11 @@ class Live:
         """What is wrong with the last look, or why the program has ended; None: nothing."""
         with self._lock:
             return self._why_it_ended or self._problem
+
+    def light_groups(self):
+        """Names of those that the scene has and that can be mixed, as it was read last."""
+        with self._lock:
+            return self._light_groups
 
     def ended(self):
         with self._lock:
@@ -228,5 +234,9 @@ class Live:
                 self._pictures[picture.about["layer"]], self._news = picture, True
             elif told["type"] == "progress":
                 self._progress = told
+            elif told["type"] == "scene":
+                groups = told.get("light_groups", [])
+                self._news = self._news or groups != self._light_groups
+                self._light_groups = groups
             elif told["type"] == "problem" and told["id"] in (0, self._number):
                 self._problem, self._news = told["text"], True

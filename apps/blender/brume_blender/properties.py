@@ -1,9 +1,10 @@
 """What a scene and its view layers keep for brume."""
 
 import bpy
-from bpy.props import BoolProperty, FloatProperty, IntProperty, PointerProperty, StringProperty
+from bpy.props import BoolProperty, CollectionProperty, FloatProperty, IntProperty, PointerProperty, StringProperty
 
 from . import passes, program
+from .light_mix import BrumeLightMix
 from .translate.baking import MILLIONS
 from .translate.light_groups import group_names
 
@@ -122,6 +123,13 @@ class BrumeViewLayerSettings(bpy.types.PropertyGroup):
         + ", ".join((*passes.LAYERS, *passes.GIVEN))
         + ". Each becomes a pass of its name",
     )
+    use_mix: BoolProperty(
+        name="Mix in the Viewport",
+        description="Light groups are computed in the viewport, too, where they can be mixed without another rendering; what the mix "
+        "does not need takes longer by that",
+        default=True,
+    )
+    mix: CollectionProperty(type=BrumeLightMix)
 
     def extra_names(self):
         return [name for name in (part.strip() for part in self.layers.split(",")) if name]
@@ -183,7 +191,7 @@ def lacking_passes(view_layer):
     return names + [f"{aov.name} (AOV)" for aov in view_layer.aovs]
 
 
-CLASSES = (BrumePreferences, BrumeSceneSettings, BrumeViewLayerSettings)
+CLASSES = (BrumePreferences, BrumeSceneSettings, BrumeLightMix, BrumeViewLayerSettings)
 
 
 def register():

@@ -15,6 +15,7 @@ import numpy as np
 
 from . import program
 from .child import CannotStart
+from .light_mix import mix_of
 from .live import Live
 from .properties import preferred_program
 from .region import camera_of, place_of
@@ -26,19 +27,39 @@ PROBLEM_COLOUR = (1.0, 0.45, 0.1, 1.0)  # linear
 REACH = 100.0  # at least, from the origin to where a view may be
 
 
+_viewports_owner = object()  # of what listens to Blender's messages
 _viewports = {}  # by their engines' id(): an engine that Blender has ended has no attributes
 
 
 def viewport_of(engine):
     if id(engine) not in _viewports:
         _viewports[id(engine)] = Viewport(engine)
+        _hear_of_light_groups()
     return _viewports[id(engine)]
+
+
+def _hear_of_light_groups():
+    """Blender tells no engine that something is put into another light group. What listens is lost with the file, as are its
+    viewports."""
+    bpy.msgbus.clear_by_owner(_viewports_owner)
+    for key in ((bpy.types.Object, "lightgroup"), (bpy.types.World, "lightgroup"), (bpy.types.Lightgroup, "name")):
+        bpy.msgbus.subscribe_rna(key=key, owner=_viewports_owner, args=(), notify=_translate_again)
+
+
+def _translate_again():
+    for viewport in list(_viewports.values()):
+        engine = viewport._engine()
+        if engine is not None:
+            engine.tag_update()
+            engine.tag_redraw()
 
 
 def close_viewport_of(engine):
     viewport = _viewports.pop(id(engine), None)
     if viewport is not None:
         viewport.close()
+    if not _viewports:
+        bpy.msgbus.clear_by_owner(_viewports_owner)
 
 
 class Viewport:
@@ -52,6 +73,7 @@ class Viewport:
         self._text, self._revision = None, 0
         self._bakes, self._baking, self._whole = Bakes(), [], False  # whether the scene's text has all that is baked
         self._look, self._number, self._frame, self._exposure = None, 0, None, 1.0
+        self._mixing = 0  # the look that asked for another mix of lights last
         self._reach, self._extent = REACH, 0.0  # from the origin: to where the view may be, to what lies farthest from it
         self._shown, self._texture, self._place = None, None, None
         self._waiting = False  # for files that are no longer used, until the program has read the scene without them
@@ -131,6 +153,9 @@ class Viewport:
         look = self._look_of(context, depsgraph)
         if look == self._look:
             return
+        mixes = self._look is not None and {**look, "mix": None} == {**self._look, "mix": None}  # and nothing else
+        if mixes and self._waits_for_mix():
+            return
         if self._live is not None and self._live.ended():
             self._live.close()
             self._live = None
@@ -141,8 +166,18 @@ class Viewport:
             except (program.NoProgram, CannotStart) as reason:
                 self._problem = str(reason)
                 return
-        self._look, self._number = look, self._live.look(moving=True, frame=None, **look)
+        # One that moves would be answered coarsely; a mix is one of what is there.
+        self._look, self._number = look, self._live.look(moving=not mixes, frame=None, **look)
+        if mixes:
+            self._mixing = self._number
         self._look_for_news()
+
+    def _waits_for_mix(self):
+        """Whether a mix that was asked for has not been answered: the next one is asked for then."""
+        if self._live is None or self._live.rests():
+            return False
+        picture = self._live.pictures().get("picture")
+        return picture is None or picture.about["id"] < self._mixing
 
     def _look_for_news(self):
         if not bpy.app.timers.is_registered(self._timer):
@@ -166,6 +201,7 @@ class Viewport:
             "layers": ["picture", "alpha"] if scene.render.film_transparent else ["picture"],
             "samples": settings.viewport_samples,
             "revision": self._revision,
+            "mix": mix_of(context.view_layer, self._live.light_groups() if self._live is not None else ()),
         }
 
     def _tick(self):
@@ -251,10 +287,11 @@ class Viewport:
         if self._shown is None:
             return "reading the scene"
         about = self._shown.about
+        mix = "" if not (self._look and self._look["mix"]) else " | lights not mixed" if about.get("mixed") is False else " | lights mixed"
         if about["stage"] == "predicted":
-            return "predicted"
+            return "predicted" + mix
         error = "" if about["error"] is None else f" | estimated error {100 * about['error']:.2g} %"
-        return f"{about['samples']} samples{error}"
+        return f"{about['samples']} samples{error}{mix}"
 
 
 def _size(place, context, scene):

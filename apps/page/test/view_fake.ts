@@ -3,6 +3,8 @@ import type { Page } from "playwright-core";
 
 export interface FakeOptions {
   frames?: number[];
+  /** The sun's light is the group "key", the sky's is "sky"; what is noisy is not known by group. */
+  mixes?: boolean;
 }
 
 /** What tests reach through `window.fake`. */
@@ -15,6 +17,7 @@ export interface Fake {
     layers: string[];
     size: [number, number];
     frame: number | null;
+    mix?: Record<string, number[]>;
   }[];
   /** Pretends that the program ended, or that it is there again. */
   lose: () => void;
@@ -26,6 +29,8 @@ export interface Fake {
   coarse: boolean;
   /** Layers that are not answered. */
   without: string[];
+  /** The scene no longer has light groups. */
+  ungrouped: boolean;
   /** How often the page has tried to connect. */
   tries: number;
 }
@@ -35,7 +40,7 @@ export async function withFake(page: Page, options: FakeOptions = {}): Promise<v
   await page.addInitScript(fakeProgram, options);
 }
 
-function fakeProgram({ frames }: FakeOptions): void {
+function fakeProgram({ frames, mixes }: FakeOptions): void {
   type Value = number | boolean | string | number[];
   type Fields = Record<string, [type: string, value: Value, more?: object]>;
   const tables: Record<string, { title: string; fields: Fields; more?: object }> = {
@@ -203,6 +208,7 @@ function fakeProgram({ frames }: FakeOptions): void {
             [1, 1, 1],
           ],
           layers: LAYERS,
+          ...(mixes && !fake.ungrouped ? { light_groups: ["key", "sky"] } : {}),
           notes: ["The ball is made up."],
           left_out: message.set.some((s) => s.includes('"sphere"')) ? ["light of lights.1"] : [],
           groups: Object.entries(all).map(([path, { title, fields, more }]) => ({
@@ -229,6 +235,7 @@ function fakeProgram({ frames }: FakeOptions): void {
       const right = unit(cross(forward, value("camera", "up")));
       const up = cross(right, forward);
       const sun = unit(value("lights.0", "direction"));
+      const gain = (group: string) => (layer === "noisy" ? undefined : message.mix?.[group]) ?? [1, 1, 1];
       const bright = all["lights.0"]!.fields["enabled"]![1] ? value("lights.0", "irradiance") : [0, 0, 0];
       const sky = value("environment", "radiance");
       const albedo = value("volumes.0", "albedo");
@@ -248,6 +255,7 @@ function fakeProgram({ frames }: FakeOptions): void {
         seconds: 0.02,
         exposure: 1,
         frame: message.frame ?? frames?.[0] ?? null,
+        ...(layer === "noisy" && message.mix ? { mixed: false } : {}),
       });
       const padded = header.padEnd(Math.ceil(header.length / 4) * 4);
       const buffer = new ArrayBuffer(4 + padded.length + 2 * width * height * channels);
@@ -267,8 +275,10 @@ function fakeProgram({ frames }: FakeOptions): void {
           const stripes = 0.8 + 0.2 * Math.sin(12 * Math.atan2(normal[1]!, normal[0]!));
           for (let c = 0; c < channels; ++c) {
             const lit = hit
-              ? albedo[c]! * stripes * (sky[c]! + (bright[c]! / Math.PI) * Math.max(0, dot(normal, sun)))
-              : sky[c]!;
+              ? albedo[c]! *
+                stripes *
+                (gain("sky")[c]! * sky[c]! + ((gain("key")[c]! * bright[c]!) / Math.PI) * Math.max(0, dot(normal, sun)))
+              : gain("sky")[c]! * sky[c]!;
             const noise = layer === "noisy" ? 0.6 + 0.8 * ((Math.sin(12.9898 * x + 78.233 * y) * 43758.5453) % 1) : 1;
             out[c * size + y * width + x] = halfOf(channels === 1 ? (hit ? t : 0) : lit * noise);
           }
@@ -289,6 +299,7 @@ function fakeProgram({ frames }: FakeOptions): void {
     tell: (message) => current?.tell(message),
     coarse: false,
     without: [],
+    ungrouped: false,
     tries: 0,
   };
   Object.assign(window, { fake, WebSocket: FakeSocket });

@@ -1,141 +1,35 @@
-// The page of `brume view` in a real browser: node view_test.mjs BRUME CHROMIUM FOLDER. Pictures of the page are left in
-// FOLDER. Where exact pictures count, the page talks to view_fake.ts instead of the program.
+// The page of `brume view` with a made-up program (view_fake.ts), where exact pictures and messages count.
 import assert from "node:assert/strict";
-import { spawn, type ChildProcess } from "node:child_process";
-import { copyFileSync, mkdirSync, readFileSync, writeFileSync } from "node:fs";
-import { createServer, request, type Server } from "node:http";
-import { connect, type AddressInfo, type Socket } from "node:net";
-import { dirname, join } from "node:path";
-import test, { after, before, describe } from "node:test";
-import { fileURLToPath } from "node:url";
-import type { Browser, BrowserContext, Locator, Page } from "playwright-core";
-import { chromium, comesTo, drawn, middleOf, pixels, violations } from "./browser";
-import { withFake, type Fake, type FakeOptions } from "./view_fake";
+import { readFileSync } from "node:fs";
+import { join } from "node:path";
+import test from "node:test";
+import type { Locator } from "playwright-core";
+import { comesTo, drawn, middleOf, pixels, violations } from "./browser";
+import type { Fake } from "./view_fake";
+import {
+  ADDRESS,
+  box,
+  context,
+  DESKTOP,
+  drag,
+  fake,
+  field,
+  frame,
+  inBrowser,
+  kept,
+  last,
+  looks,
+  middle,
+  NARROW,
+  open,
+  picture,
+  says,
+  shots,
+  slide,
+  vectorOf,
+} from "./view_page";
 
-declare const PAGE_FOLDER: string;
-const [brume, program, folder] = process.argv.slice(2) as [string, string, string];
-const built = join(dirname(fileURLToPath(import.meta.url)), "..");
-const data = join(PAGE_FOLDER, "..", "..", "data");
-const shots = join(folder, "shots");
-mkdirSync(shots, { recursive: true });
-
-const DESKTOP = { width: 1280, height: 800 };
-const SMALL = { width: 800, height: 460 };
-const NARROW = { width: 320, height: 640 };
-
-let browser: Browser;
-/** What pages said that they should not have. */
-const complaints: string[] = [];
-
-async function context(viewport = DESKTOP, more: object = {}): Promise<BrowserContext> {
-  const made = await browser.newContext({ viewport, acceptDownloads: true, deviceScaleFactor: 1, ...more });
-  made.setDefaultTimeout(240_000);
-  return made;
-}
-
-function listen(page: Page, expected: RegExp = /^$/): void {
-  page.on("console", (m) => {
-    if (["error", "warning"].includes(m.type()) && !expected.test(m.text())) complaints.push(m.text());
-  });
-  page.on("pageerror", (e) => complaints.push(String(e.stack)));
-}
-
-const picture = (page: Page) => page.locator("#picture");
-const field = (page: Page, key: string) => page.locator(`[data-key="${key}"]`);
-const box = async (locator: Locator) => (await locator.boundingBox())!;
-const middle = async (locator: Locator) => {
-  await locator.scrollIntoViewIfNeeded();
-  const { x, y, width, height } = await box(locator);
-  return { x: x + width / 2, y: y + height / 2 };
-};
-
-async function drag(page: Page, dx: number, dy: number, options: { button?: "left" | "right"; key?: string } = {}) {
-  const { x, y } = await middle(picture(page));
-  if (options.key) await page.keyboard.down(options.key);
-  await page.mouse.move(x, y);
-  await page.mouse.down({ button: options.button ?? "left" });
-  await page.mouse.move(x + dx, y + dy, { steps: 8 });
-  await page.mouse.up({ button: options.button ?? "left" });
-  if (options.key) await page.keyboard.up(options.key);
-}
-
-/** A slider's value, as dragging it sets it. */
-async function slide(slider: Locator, value: number): Promise<void> {
-  await slider.evaluate((element, v) => {
-    const input = element as HTMLInputElement;
-    input.value = String(v);
-    input.dispatchEvent(new Event("input", { bubbles: true }));
-    input.dispatchEvent(new Event("change", { bubbles: true }));
-  }, value);
-}
-
-before(async () => {
-  browser = await chromium.launch({ executablePath: program, args: ["--disable-dev-shm-usage"] });
-});
-after(() => browser?.close());
-
-describe("the page with a made-up program", () => {
-  const ADDRESS = "http://127.0.0.1:18181/secret/";
-  /** As the program answers. */
-  const POLICY =
-    "default-src 'none'; script-src 'self'; style-src 'self' 'unsafe-inline'; img-src 'self' data: blob:; connect-src 'self' ws:; frame-ancestors 'none'; base-uri 'none'; form-action 'none'";
-  const HTML =
-    '<!doctype html><html lang="en"><head><meta charset="utf-8"><meta name="viewport" content="width=device-width, initial-scale=1">' +
-    '<title>brume view</title><link rel="icon" href="data:,"><link rel="stylesheet" href="view.css"></head>' +
-    '<body><div id="app"></div><script src="view.js"></script></body></html>';
-
-  async function open(made: BrowserContext, options: FakeOptions = {}, expected?: RegExp): Promise<Page> {
-    const page = await made.newPage();
-    listen(page, expected);
-    await withFake(page, options);
-    await page.route(`${ADDRESS}**`, (route) => {
-      const name = new URL(route.request().url()).pathname.replace("/secret/", "");
-      const headers = { "Content-Security-Policy": POLICY };
-      if (name === "") return route.fulfill({ contentType: "text/html", body: HTML, headers });
-      if (name === "view.js" || name === "view.css")
-        return route.fulfill({
-          contentType: name.endsWith("js") ? "text/javascript" : "text/css",
-          body: readFileSync(join(built, name), "utf8"),
-          headers,
-        });
-      const posted = route.request().postData();
-      if (posted) kept.push({ name, state: JSON.parse(posted) as Kept["state"] });
-      if (name === "scene.toml") return route.fulfill({ contentType: "application/toml", body: 'name = "ball"\n' });
-      if (name === "command") return route.fulfill({ body: `brume render ${kept.at(-1)!.state.set.join(" ")}` });
-      if (name === "frame.exr" && frameIsThere) return route.fulfill({ contentType: "image/x-exr", body: "v/1" });
-      return route.fulfill({ status: 202, contentType: "text/plain", body: "no samples have been taken yet\n" });
-    });
-    await page.goto(ADDRESS);
-    await drawn(picture(page));
-    await page.locator('[data-panel="camera"]').waitFor();
-    return page;
-  }
-
-  interface Kept {
-    name: string;
-    state: { type: string; set: string[]; size: [number, number]; moving: boolean; frame: number | null };
-  }
-  /** What pages asked for to keep. */
-  const kept: Kept[] = [];
-  let frameIsThere = false;
-
-  /** Does something to the made-up program. */
-  const fake = <T>(page: Page, what: (fake: Fake, argument: T) => void, argument?: T) =>
-    page.evaluate(
-      ([text, a]) => {
-        const act = new Function(`return (${text as string})`)() as (f: Fake, argument: unknown) => void;
-        act((window as unknown as { fake: Fake }).fake, a);
-      },
-      [String(what), argument] as const,
-    );
-  const sent = (page: Page) => page.evaluate(() => (window as unknown as { fake: Fake }).fake.sent);
-  const looks = async (page: Page) => (await sent(page)).filter(({ type }) => type === "look");
-  const last = async (page: Page) => (await looks(page)).at(-1)!;
-  /** The latest state that was sent, once it says so. */
-  const says = (page: Page, set: string[]) => comesTo(async () => (await last(page)).set, set);
-  const vectorOf = (set: string[], key: string) =>
-    JSON.parse(set.find((s) => s.startsWith(`${key}=`))?.slice(key.length + 1) ?? "[]") as number[];
-
+inBrowser(() => {
   test("shows the picture as large as its room, and asks for that size", async () => {
     const made = await context({ width: 1800, height: 900 });
     const page = await open(made);
@@ -413,9 +307,9 @@ describe("the page with a made-up program", () => {
     // An EXR of a frame that is not there yet waits for it.
     await page.getByRole("button", { name: "EXR" }).click();
     await page.getByText("saved as soon as the whole picture is there").waitFor();
-    const [exr] = await Promise.all([page.waitForEvent("download"), (frameIsThere = true)]);
+    const [exr] = await Promise.all([page.waitForEvent("download"), (frame.isThere = true)]);
     assert.equal(exr.suggestedFilename(), "ball.exr");
-    frameIsThere = false;
+    frame.isThere = false;
     await page.keyboard.press("1");
     await page.locator("code", { hasText: "camera.position" }).waitFor();
     await page.getByRole("button", { name: "Copy the command line" }).click();
@@ -822,234 +716,3 @@ describe("the page with a made-up program", () => {
     await large.close();
   });
 });
-
-/** A running `brume view`, behind an address that stays when it is started again. */
-class Program {
-  private child: ChildProcess | undefined;
-  private target: URL | undefined;
-  private readonly sockets = new Set<Socket>();
-  private server: Server | undefined;
-  address = "";
-
-  constructor(private readonly args: string[]) {}
-
-  async start(): Promise<void> {
-    const child = spawn(brume, ["view", ...this.args, "-q"], { stdio: ["ignore", "pipe", "inherit"] });
-    this.child = child;
-    this.target = await new Promise<URL>((resolve, reject) => {
-      child.stdout.once("data", (text: Buffer) => resolve(new URL(text.toString().trim())));
-      child.once("exit", (code) => reject(new Error(`brume view ended with ${code}`)));
-    });
-    if (!this.server) await this.forward();
-  }
-
-  /** Passes requests on under the program's own address: it answers no others. */
-  private async forward(): Promise<void> {
-    const place = (url: string) => this.target!.pathname + url.replace(/^\//, "");
-    const headers = (all: NodeJS.Dict<string | string[]>) => ({
-      ...all,
-      host: this.target!.host,
-      ...(all["origin"] ? { origin: this.target!.origin } : {}),
-    });
-    const server = createServer((from, to) => {
-      const passed = request({
-        host: this.target!.hostname,
-        port: this.target!.port,
-        method: from.method,
-        path: place(from.url!),
-        headers: headers(from.headers),
-      });
-      passed.on("response", (answer) => {
-        to.writeHead(answer.statusCode!, answer.headers);
-        answer.pipe(to);
-      });
-      passed.on("error", () => to.destroy());
-      from.pipe(passed);
-    });
-    server.on("upgrade", (from, socket: Socket) => {
-      const other = connect(Number(this.target!.port), this.target!.hostname, () => {
-        const lines = Object.entries(headers(from.headers)).map(([name, value]) => `${name}: ${String(value)}`);
-        other.write(`GET ${place(from.url!)} HTTP/1.1\r\n${lines.join("\r\n")}\r\n\r\n`);
-        socket.pipe(other).pipe(socket);
-      });
-      for (const end of [socket, other]) {
-        this.sockets.add(end);
-        end.on("error", () => {});
-        end.on("close", () => {
-          socket.destroy();
-          other.destroy();
-        });
-      }
-    });
-    await new Promise<void>((resolve) => server.listen(0, "127.0.0.1", resolve));
-    this.server = server;
-    this.address = `http://127.0.0.1:${(server.address() as AddressInfo).port}/`;
-  }
-
-  async kill(): Promise<void> {
-    const child = this.child;
-    if (!child || child.exitCode !== null || child.signalCode !== null) return;
-    child.removeAllListeners("exit");
-    await new Promise((resolve) => {
-      child.once("exit", resolve);
-      child.kill("SIGKILL");
-    });
-  }
-
-  async end(): Promise<void> {
-    await this.kill();
-    for (const socket of this.sockets) socket.destroy();
-    this.server?.closeAllConnections();
-    this.server?.close();
-  }
-}
-
-describe("the page with the program", () => {
-  const cloud = new Program([join(data, "volumes", "cloud.vdb")]);
-  let made: BrowserContext;
-  let page: Page;
-
-  const command = () => page.locator(".command code").textContent();
-  const commandHas = (what: RegExp) => comesTo(async () => what.test((await command()) ?? ""), true, String(what));
-  /** The quickest pictures: half a pixel for each of a small window. */
-  const coarse = async () => page.getByRole("button", { name: "½", exact: true }).click();
-
-  before(async () => {
-    await cloud.start();
-    made = await context(SMALL);
-    page = await made.newPage();
-    listen(page, /WebSocket connection|404|ERR_EMPTY_RESPONSE/); // its program ends and comes back
-    await page.goto(cloud.address);
-    await coarse();
-  });
-  after(async () => {
-    await made.close();
-    await cloud.end();
-  });
-
-  test("shows the volume, its fields and what the program assumed", async () => {
-    await drawn(picture(page));
-    await page.locator('[data-panel="volumes.0"]').getByText("cloud.vdb", { exact: true }).waitFor();
-    await page.locator('[data-panel="volumes.0"] .depth').waitFor();
-    await page.locator('[data-panel="notes"]').getByText("assumed").first().waitFor();
-    await page.getByText("path traced, cleaned").waitFor();
-    await page.screenshot({ path: join(shots, "cloud.png") });
-    assert.deepEqual(await violations(page, "cloud"), []);
-  });
-
-  test("a drag, a slider and the sun change the picture and the command line", async () => {
-    let before = await pixels(picture(page));
-    await drag(page, 80, 30);
-    before = await drawn(picture(page), before);
-    await commandHas(/camera\.position=\[/);
-    await slide(field(page, "volumes.0.sigma_t").getByRole("slider"), 3000);
-    await drawn(picture(page), before);
-    await commandHas(/volumes\.0\.sigma_t=/);
-    before = await pixels(picture(page));
-    await page.keyboard.press("l");
-    await drag(page, -120, 40);
-    await page.keyboard.press("Escape");
-    await drawn(picture(page), before);
-    await commandHas(/lights\.\d\.direction=|environment\.sun_direction=/);
-  });
-
-  test("a lamp is accepted", async () => {
-    await page.keyboard.press("a");
-    const { x, y } = await middle(picture(page));
-    await page.mouse.click(x, y);
-    await commandHas(/lights\.\d+=\{type="sphere"/);
-    await page.keyboard.press("Control+z");
-    await comesTo(async () => /sphere/.test((await command()) ?? ""), false);
-    assert.equal(await page.locator(".alert.problem").count(), 0);
-  });
-
-  test("layers are switched and compared", async () => {
-    await page.getByLabel("Layer", { exact: true }).selectOption("clean_error");
-    await page.locator(".legend").getByText("estimated error").waitFor();
-    const before = await pixels(picture(page));
-    await page.getByLabel("Compare with layer").selectOption("noisy");
-    await drawn(picture(page), before);
-    await page.getByLabel("Layer", { exact: true }).selectOption("picture");
-    await page.getByLabel("Compare with layer").selectOption("");
-    await page.locator(".legend").waitFor({ state: "detached" });
-  });
-
-  test("scene and frame can be kept", async () => {
-    await page.getByText("path traced, cleaned").waitFor();
-    const save = async (name: string) => {
-      const [file] = await Promise.all([page.waitForEvent("download"), page.getByRole("button", { name }).click()]);
-      return readFileSync((await file.path())!);
-    };
-    const scene = (await save("Scene")).toString();
-    assert.match(scene, /sigma_t/);
-    assert.match(scene, /\[camera\]/);
-    const exr = await save("EXR");
-    assert.equal(exr.readUInt32LE(0), 20000630);
-  });
-
-  test("a reload keeps the state", async () => {
-    const before = await command();
-    await page.reload();
-    await drawn(picture(page));
-    await comesTo(command, before);
-  });
-
-  test("a program that ends and is there again is found", async () => {
-    const before = await command();
-    await cloud.kill();
-    await page.getByText("connection to the program is lost").waitFor();
-    await cloud.start();
-    await page.getByText("connection to the program is lost").waitFor({ state: "detached" });
-    const shown = await pixels(picture(page));
-    await drag(page, 60, 0);
-    await drawn(picture(page), shown);
-    await comesTo(async () => (await command()) !== before, true);
-    await commandHas(/volumes\.0\.sigma_t=/);
-  });
-
-  test("the time line of a sequence shows its frames", async () => {
-    const files = join(folder, "sequence");
-    mkdirSync(files, { recursive: true });
-    for (const [i, name] of ["cloud", "fire", "cloud"].entries())
-      copyFileSync(join(data, "volumes", `${name}.vdb`), join(files, `shot.000${i + 1}.vdb`));
-    writeFileSync(
-      join(files, "shot.toml"),
-      `[camera]
-position = [1, -7, 1]
-look_at = [1, 0, 1]
-[environment]
-radiance = 0.3
-[[volumes]]
-file = "shot.####.vdb"
-sigma_t = 10
-[[lights]]
-type = "sun"
-direction = [-1, -1, 1]
-irradiance = 3
-`,
-    );
-    const sequence = new Program([join(files, "shot.toml"), "--frames", "1-3"]);
-    await sequence.start();
-    try {
-      page = await made.newPage();
-      listen(page, /404/);
-      await page.goto(sequence.address);
-      await coarse();
-      const first = await drawn(picture(page));
-      await page.getByLabel("Frame number").fill("2");
-      await page.keyboard.press("Enter");
-      await drawn(picture(page), first);
-      await comesTo(() => page.getByLabel("Frame number").inputValue(), "2");
-      await page.getByRole("button", { name: "Play" }).click();
-      const seen = new Set<string>();
-      await comesTo(async () => seen.add(await page.getByLabel("Frame number").inputValue()).size, 3);
-      await page.getByRole("button", { name: "Pause" }).click();
-      assert.equal(await page.locator(".alert.problem").count(), 0);
-    } finally {
-      await page.close();
-      await sequence.end();
-    }
-  });
-});
-
-test("no page said anything unexpected", () => assert.deepEqual(complaints, []));

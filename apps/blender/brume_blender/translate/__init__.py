@@ -22,7 +22,7 @@ from .film import film_size, film_table, pixel_aspect_of
 from .fog import world_fog_table
 from .fluids import domain_of, domain_tables
 from .instances import Instances
-from .light_groups import group_names, put_in_group
+from .light_groups import group_names, group_of, put_in_group
 from .lights import light_table
 from .meshes import MESH_LIKE
 from .motion import key_of, motion_of
@@ -127,7 +127,8 @@ class _Translator:
                 self._steps = steps_of(self._depsgraph, camera, self._frame, self._set_frame, size, self._notes)
         self._layer = self._view_layer()
         self._named = self._view is None and (self._layer.use_pass_cryptomatte_object or self._layer.use_pass_cryptomatte_material)
-        self._groups = group_names(self._layer) if self._view is None else {}
+        wants_groups = self._view is None or self._layer.brume.use_mix
+        self._groups = group_names(self._layer) if wants_groups else {}
         self._surfaces = Surfaces(self._folder, self._notes, self._layer, self._bake, self._instances, self._named)
         self._camera = camera_of(self._depsgraph, self._scene) if self._view is None else None
         head = [
@@ -165,7 +166,7 @@ class _Translator:
     def _world(self):
         try:
             tables = world_tables(self._depsgraph, self._scene, self._layer, self._folder, self._notes)
-            put_in_group(tables, self._groups.get(self._scene.world.lightgroup) if self._scene.world is not None else None)
+            put_in_group(tables, self._groups.get(group_of(self._scene.world)) if self._scene.world is not None else None)
             return tables
         except LeftOut as reason:
             self._notes.say(self._scene.world.name, f"the world is left out: {reason}")
@@ -224,11 +225,11 @@ class _Translator:
             if self._motion is not None and self._motion.matrices(instance):
                 self._notes.say(thing.name, "the light stands still while the shutter is open")
             tables = [light_table(instance, self._notes)]
-            put_in_group(tables, self._groups.get(thing.lightgroup))
+            put_in_group(tables, self._groups.get(group_of(thing)))
             return tables
         if kind == "VOLUME" or kind in MESH_LIKE:
             tables = self._marked(self._placed(instance, thing), thing)
-            put_in_group(tables, self._groups.get(thing.lightgroup))
+            put_in_group(tables, self._groups.get(group_of(thing)))
             if any(table.holds(role="holdout") for table in tables):
                 self._holdouts.add(thing.name)
             if self._steps is not None:

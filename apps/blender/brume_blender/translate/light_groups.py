@@ -19,6 +19,11 @@ def group_names(view_layer):
     return names
 
 
+def group_of(thing):
+    """Blender's name of an object's or a world's group. It evaluates nothing anew where another one is chosen."""
+    return thing.original.lightgroup
+
+
 def put_in_group(tables, name):
     """What shines of an object's tables. @param name  brume's; None: the object is of no group"""
     for table in tables:

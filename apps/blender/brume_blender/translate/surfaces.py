@@ -3,6 +3,7 @@
 import numpy as np
 
 from .fog import fog_tables
+from .light_groups import group_of
 from .materials import surface_of
 from .meshes import Geometry, write_ply
 from .notes import LeftOut
@@ -23,7 +24,7 @@ def is_held_out(thing, view_layer):
 def mark_of(thing, view_layer, named):
     """What one volume's places have in common beside their shader: a holdout is no place of one that is seen, nor are things of
     other names where there are mattes, nor of other light groups."""
-    return is_held_out(thing, view_layer), thing.name if named else "", thing.lightgroup
+    return is_held_out(thing, view_layer), thing.name if named else "", group_of(thing)
 
 
 class Surfaces:

@@ -31,13 +31,15 @@ interface Props {
 }
 
 /** How a field's parts get and set its value. */
-interface Access {
+export interface Access {
   label: string;
   help: string | undefined;
   value: Value | undefined;
   /** @param step  while a slider is dragged */
   set: (value: Value, step?: string) => void;
   settle: () => void;
+  /** What a double click on the slider does. */
+  reset?: () => void;
 }
 
 export function Field({ path, title, field: entry, grids }: Props) {
@@ -172,6 +174,7 @@ function Slider(props: {
       title={`${access.help ?? ""}\nShift: ten times finer; arrow keys and wheel step a slider that was clicked`}
       onInput={(e) => onSlide(sliderValue(range, Number(e.currentTarget.value)), access.label)}
       onChange={access.settle}
+      onDblClick={access.reset}
       onKeyDown={(e) => {
         const by = { ArrowRight: 1, ArrowUp: 1, ArrowLeft: -1, ArrowDown: -1 }[e.key];
         if (by === undefined) return;
@@ -234,13 +237,20 @@ function NumberControl({ field, access, middle }: { field: FieldEntry; access: A
 }
 
 /** Strength times colour: the strength is the largest channel. */
-function ColourControl({ field, access, middle }: { field: FieldEntry; access: Access; middle: number }) {
+export function ColourControl(props: {
+  field: FieldEntry;
+  access: Access;
+  middle: number;
+  /** Of the slider; nothing: as suits the field. */
+  range?: SliderRange;
+}) {
+  const { field, access, middle } = props;
   const rgb = channels(access.value);
   const strength = strengthOf(rgb);
   // Of a black one, so that a slider that touches zero does not lose it.
   const lastColour = useRef<readonly number[]>([1, 1, 1]);
   if (strength > 0) lastColour.current = rgb.map((v) => v / strength);
-  const range = sliderRange(field, middle, strength);
+  const range = props.range ?? sliderRange(field, middle, strength);
   const strengthen = (to: number, step?: string) =>
     access.set(
       shortColour((strength > 0 ? rgb.map((v) => v / strength) : lastColour.current).map((v) => v * to)),

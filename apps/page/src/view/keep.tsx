@@ -1,4 +1,5 @@
 // What to take along: the scene, the picture, the command line, each as it is seen at the moment of the click.
+import { useEffect, useState } from "preact/hooks";
 import { useViewer } from "./context";
 import { Icon } from "./icons";
 import { paint } from "./stage";
@@ -15,15 +16,15 @@ function save(name: string, content: Blob): void {
   setTimeout(() => URL.revokeObjectURL(link.href), 60_000);
 }
 
-const stateOf = (viewer: Viewer) => ({ ...viewer.state, moving: false });
+export const stateOf = (viewer: Viewer) => ({ ...viewer.state, moving: false });
 
 /** What the program answers to a state of the page. @param address  relative */
-function ask(address: string, state: object): Promise<Response> {
+export function ask(address: string, state: object): Promise<Response> {
   const body = JSON.stringify({ type: "look", id: 0, ...state });
   return fetch(address, { method: "POST", body, cache: "no-store" });
 }
 
-const gone = (address: string) => `${address} could not be read: is the program still there?`;
+export const gone = (address: string) => `${address} could not be read: is the program still there?`;
 
 /** Saves what the program makes of the present state, or says why there is nothing. */
 async function saveScene(viewer: Viewer, name: string): Promise<void> {
@@ -83,6 +84,7 @@ function savePicture(viewer: Viewer, name: string): void {
 async function copyCommand(viewer: Viewer): Promise<void> {
   try {
     const response = await ask("command", stateOf(viewer));
+    if (!response.ok) return viewer.say((await response.text()).trim());
     await navigator.clipboard.writeText((await response.text()).trim());
     viewer.say("Command line copied");
   } catch {
@@ -101,9 +103,31 @@ export function keptName(scene: string, frame: number | null): string {
     : `${name}.${digits.padStart(4, "0")}`;
 }
 
+/** After the last change of a mix of lights, until its command line is asked for [ms]. */
+const MIX_RESTS = 300;
+
+/** The command line of the scene, with lights as they are mixed. */
+function useCommand(viewer: Viewer): string | undefined {
+  const told = viewer.scene?.command;
+  const mix = JSON.stringify(viewer.state.mix);
+  const [mixed, setMixed] = useState({ of: "", text: "" });
+  const of = `${told} ${mix}`;
+  useEffect(() => {
+    if (!mix) return;
+    const read = async () => {
+      const response = await ask("command", stateOf(viewer)).catch(() => undefined);
+      if (response?.ok) setMixed({ of, text: (await response.text()).trim() });
+    };
+    const timer = setTimeout(() => void read(), MIX_RESTS);
+    return () => clearTimeout(timer);
+  }, [of]);
+  return mix && mixed.of === of ? mixed.text : told;
+}
+
 export function Keep() {
   const viewer = useViewer();
   const { scene } = viewer;
+  const command = useCommand(viewer);
   const name = keptName(scene?.name ?? "", scene?.frames ? viewer.shownFrame : null);
   return (
     <div class="keep">
@@ -126,10 +150,10 @@ export function Keep() {
           <Icon name="save" /> EXR
         </button>
       </div>
-      {scene?.command && (
+      {command && (
         <div class="command">
           <code tabIndex={0} role="region" aria-label="Command line">
-            {scene.command}
+            {command}
           </code>
           <button
             type="button"

@@ -1,5 +1,4 @@
 // The panels at the side: the picture, and every table of the scene.
-import type { ComponentChildren } from "preact";
 import { useId } from "preact/hooks";
 import { Choice, Select } from "../controls";
 import { stops as stopsText } from "../format";
@@ -11,48 +10,10 @@ import { Field } from "./field";
 import { ordered } from "./field_info";
 import { Icon } from "./icons";
 import { Keep } from "./keep";
+import { LightMix } from "./light_mix";
+import { Panel } from "./panel";
 import { HistogramPlot } from "./plot";
 import type { Group, LayerEntry } from "./protocol";
-
-/** A part that opens and closes. */
-function Panel(props: {
-  name: string;
-  title: string;
-  kind?: string;
-  open: boolean;
-  /** Beside the title. */
-  side?: ComponentChildren;
-  changed?: boolean;
-  off?: boolean;
-  children: ComponentChildren;
-}) {
-  const viewer = useViewer();
-  const id = useId();
-  const open = viewer.settings.open[props.name] ?? props.open;
-  return (
-    <section class={`panel${open ? " open" : ""}${props.off ? " off" : ""}`} data-panel={props.name}>
-      <header>
-        <h2>
-          <button
-            type="button"
-            aria-expanded={open}
-            aria-controls={id}
-            onClick={() => viewer.set({ open: { ...viewer.settings.open, [props.name]: !open } })}
-          >
-            <Icon name="more" />
-            <span class="title">{props.title}</span>
-            {props.kind && <small>{props.kind}</small>}
-            {props.changed && <i class="dot" title="Changed" />}
-          </button>
-        </h2>
-        {props.side}
-      </header>
-      <div id={id} class="inside" hidden={!open}>
-        {open && props.children}
-      </div>
-    </section>
-  );
-}
 
 /** The fields of a table: the most used ones, and the rest when asked for. */
 function Fields({ group }: { group: Group }) {
@@ -296,6 +257,7 @@ export function Panels() {
     <aside class="panels" aria-label="Scene and picture">
       <SunChoice />
       <PicturePanel />
+      <LightMix />
       {ORDER.flatMap((kind) =>
         viewer.values
           .groups(kind)

@@ -47,6 +47,8 @@ export interface SceneMessage {
   /** The volumes' box in world space. */
   bounds?: Bounds | null;
   layers: LayerEntry[];
+  /** Those that can be mixed, where the scene has any. */
+  light_groups?: string[];
   notes?: string[];
   /** What the scene asks for that the predicted picture lacks. */
   left_out?: string[];
@@ -102,6 +104,8 @@ export interface LookMessage {
   moving: boolean;
   layers: string[];
   frame: number | null;
+  /** What light groups are multiplied by, by colour; others are as rendered. */
+  mix?: Record<string, Vec3>;
 }
 
 export interface ProbeMessage {
@@ -125,6 +129,8 @@ export interface PictureHeader {
   seconds: number;
   exposure: number;
   frame: number | null;
+  /** false: a mix is asked for, but this layer is not known by light group, and shown as rendered. */
+  mixed?: boolean;
 }
 
 /** One picture of one layer. */

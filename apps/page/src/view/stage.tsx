@@ -99,10 +99,12 @@ function Labels({ titles }: { titles: string[] }) {
     <>
       {layers.map((name, i) => {
         const stands = seen[i] !== undefined && seen[i] !== name;
-        if (!two && !stands) return null;
+        const unmixed = viewer.shown(name)?.picture.mixed === false;
+        if (!two && !stands && !unmixed) return null;
         return (
           <p key={name} class={`corner ${i ? "right" : "left"}`}>
             {stands ? `${viewer.layerTitle(seen[i]!)}; ${titles[i]} is not there yet` : titles[i]}
+            {unmixed && ": lights as rendered, not mixed"}
           </p>
         );
       })}

@@ -7,6 +7,7 @@ import { Drawn } from "./display";
 import { DisplayCube } from "./display_cube";
 import { FrameCache } from "./frame_cache";
 import { History } from "./history";
+import { isMixed, mixOf, withoutMix } from "./mix";
 import {
   decodePicture,
   type LayerPicture,
@@ -28,6 +29,8 @@ export type Tool = "camera" | "sun" | "lamp";
 const REST = 200;
 /** Frames follow each other no faster [ms]. */
 const FRAME_TIME = 1000 / 24;
+/** Longest wait for the picture of one mix of lights before the next is sent [ms]. */
+const MIX_PATIENCE = 400;
 
 export class Viewer {
   /** Scene, state and settings. */
@@ -63,6 +66,8 @@ export class Viewer {
   /** What the cached frames depend on, and the first look that asked for it. */
   private asked = { what: "", since: 0 };
   private latest = "";
+  /** The mix of lights that was sent last, in which look, and until when its picture is waited for. */
+  private mixing: { mix: string | undefined; id: number; until: number } = { mix: undefined, id: 0, until: 0 };
   private moves = false;
   private scheduled = 0;
   private rest: ReturnType<typeof setTimeout> | undefined;
@@ -178,11 +183,12 @@ export class Viewer {
 
   // Changes of the scene
 
-  /** @param step  of a drag or the like: until settle(), changes of one name are one step and pictures may be coarse */
-  edit(change: (all: Assignments) => Assignments, step?: string): void {
+  /** @param step   of a drag or the like: until settle(), changes of one name are one step
+   *  @param moves  pictures may be coarse until then */
+  edit(change: (all: Assignments) => Assignments, step?: string, moves = step !== undefined): void {
     const before = this.assignments;
     this.history.change(change(before), step);
-    if (step !== undefined) this.moves = true;
+    if (moves) this.moves = true;
     if (this.assignments !== before || step !== undefined) this.stateChanged();
   }
   assign(key: string, value: Value, step?: string): void {
@@ -341,19 +347,21 @@ export class Viewer {
     if (this.scheduled) return;
     this.scheduled = requestAnimationFrame(() => {
       this.scheduled = 0;
-      // While the socket is busy, newer states replace older ones.
-      if (this.connection.busy) this.schedule();
+      // While the socket is busy, or a mix of lights is not shown yet, newer states replace older ones.
+      if (this.connection.busy || performance.now() < this.mixing.until) this.schedule();
       else this.look();
     });
   }
   /** The state of this moment. */
   get state(): Omit<LookMessage, "type" | "id"> {
+    const mix = mixOf(this.assignments, this.scene && (this.scene.light_groups ?? []));
     return {
-      set: asSet(this.assignments),
+      set: asSet(withoutMix(this.assignments)),
       size: this.size,
       moving: this.moves,
       layers: this.wanted,
       frame: this.frame,
+      ...(mix ? { mix } : {}),
     };
   }
   /** Takes the program's turn back from another page. */
@@ -365,16 +373,18 @@ export class Viewer {
   private look(): void {
     if (!this.area.width || !this.area.height) return;
     const look = this.state;
-    const { set, size, layers } = look;
+    const { set, size, layers, mix } = look;
     // One that says nothing new would begin the picture again.
     if (JSON.stringify(look) === this.latest) return;
     const message: LookMessage = { type: "look", id: ++this.ids, ...look };
-    const what = JSON.stringify([set, size, layers]);
+    const what = JSON.stringify([set, size, layers, mix]);
     if (what !== this.asked.what) {
       this.asked = { what, since: message.id };
       this.cache.clear();
     }
     if (!this.connection.send(message)) return;
+    if (JSON.stringify(mix) !== this.mixing.mix)
+      this.mixing = { mix: JSON.stringify(mix), id: message.id, until: performance.now() + MIX_PATIENCE };
     this.latest = JSON.stringify(look);
     this.sent.set(message.id, this.assignments);
     for (const [id] of this.sent) {
@@ -400,6 +410,8 @@ export class Viewer {
         this.settled(message.id);
         if (message.reloaded) this.cache.clear();
         if (message.reloaded) this.say("The scene's file has changed: it was read again");
+        // A group that the scene no longer has is not asked for again.
+        if (isMixed(this.assignments)) this.schedule();
         this.changed.emit();
         break;
       case "progress": {
@@ -413,6 +425,7 @@ export class Viewer {
       }
       case "problem":
         this.problem = message;
+        this.answeredMix(message.id);
         if (this.playing) this.pause();
         this.changed.emit();
         break;
@@ -442,8 +455,13 @@ export class Viewer {
     if (this.frame !== null && !scene.frames?.includes(this.frame)) this.frame = null;
   }
 
+  private answeredMix(id: number): void {
+    if (id >= this.mixing.id) this.mixing.until = 0;
+  }
+
   private show(picture: LayerPicture): void {
     this.settled(picture.id);
+    this.answeredMix(picture.id);
     if (picture.frame !== null && picture.frame !== undefined && picture.id >= this.asked.since)
       this.cache.put(picture.frame, picture);
     if (!this.wanted.includes(picture.layer)) return;
