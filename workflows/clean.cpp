@@ -133,7 +133,7 @@ Layers Cleaner::clean(Layers frame, bool parts) {
     if (!readable.contains(name)) aside.try_emplace(name, plane, task);
   for (const auto& [name, plane] : aside) frame.remove(name);
   Layers clean = apply_filter(filter_, frame, options, task, &report);
-  give_back_freed_memory();
+  give_back_freed_memory_of(static_cast<size_t>(frame.width()) * frame.height());
   while (!aside.empty()) {  // one after the other, so that none is there twice
     const auto one = aside.extract(aside.begin());
     frame.set(one.key(), one.mapped().unpacked(task));

@@ -66,15 +66,15 @@ struct NodeFields::Sky {
     const double left = here.sigma_t > 0 ? 1 - here.albedo * peak_weight(g) : fields.scaled_extinction();
     double weights = 0;
     for (size_t d = 0; d < directions.size(); ++d) {
-      const double c = glm::dot(directions[d], -view), share = fields.sky()(node, d);
+      const double c = glm::dot(directions[d], -view), root = fields.sky().root(node, d), share = root * root;
       const double weight = one ? nodes.cap_phase_.value(c) : HenyeyGreenstein{kCapMeanCosine * g}.value(c);
       weights += weight;
       if (!(share > 0)) continue;
       result.single[d] = weight * share;
       const double depth = (1 - left) * std::max(0.0, -portable_log(share));
       if (depth > 0) result.forward[d] = 4 * kPi / count * share * peak(g, c).repeated(depth);
-      result.root[d] = std::sqrt(share) / count;
-      result.fourth_root[d] = std::sqrt(std::sqrt(share)) / count;
+      result.root[d] = root / count;
+      result.fourth_root[d] = std::sqrt(root) / count;
     }
     for (size_t d = 0; d < directions.size(); ++d) {
       result.single[d] /= weights;
