@@ -52,9 +52,9 @@ void give_back_freed_memory() {
   if (keeping) reserve_large_pages();
 }
 
-void give_back_freed_memory_of(size_t pixels) {
-  constexpr size_t kLarge = size_t{1} << 18;  // filters hold some hundred bytes for each
-  if (pixels >= kLarge) give_back_freed_memory();
+bool saves_memory(size_t pixels) {
+  constexpr size_t kLarge = size_t{1} << 18;
+  return pixels >= kLarge;
 }
 
 void keep_freed_memory() {
