@@ -52,6 +52,11 @@ void give_back_freed_memory() {
   if (keeping) reserve_large_pages();
 }
 
+bool saves_memory(size_t pixels) {
+  constexpr size_t kLarge = size_t{1} << 18;
+  return pixels >= kLarge;
+}
+
 void keep_freed_memory() {
   mallopt(M_MMAP_THRESHOLD, 32 << 20);
   mallopt(M_TRIM_THRESHOLD, std::numeric_limits<int>::max());

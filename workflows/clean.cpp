@@ -126,14 +126,15 @@ Layers Cleaner::clean(Layers frame, bool parts) {
   ApplyReport report;
   const ApplyOptions options = options_of(exposure_, outliers_);
   const Task task = host_.task(filter_.entry().name);
+  const bool saves = saves_memory(static_cast<size_t>(frame.width()) * frame.height());
   // What the filter does not read is kept in little memory while it runs.
   std::map<std::string, PackedPlane> aside;
   const std::set<std::string> readable = readable_channels(filter_, options, frame);
   for (const auto& [name, plane] : frame.channels())
-    if (!readable.contains(name)) aside.try_emplace(name, plane, task);
+    if (saves && !readable.contains(name)) aside.try_emplace(name, plane, task);
   for (const auto& [name, plane] : aside) frame.remove(name);
   Layers clean = apply_filter(filter_, frame, options, task, &report);
-  give_back_freed_memory();
+  if (saves) give_back_freed_memory();
   while (!aside.empty()) {  // one after the other, so that none is there twice
     const auto one = aside.extract(aside.begin());
     frame.set(one.key(), one.mapped().unpacked(task));

@@ -12,6 +12,7 @@
 #include "base/command.h"
 #include "base/memory_file.h"
 #include "base/parallel_for.h"
+#include "base/peak_memory.h"
 #include "volume/vdb_exchange.h"
 
 namespace {
@@ -32,6 +33,7 @@ int main() {
   std::signal(SIGXFSZ, SIG_IGN);  // a file that may not grow is an error of that write, with its message
   const rlimit no_core{0, 0};
   setrlimit(RLIMIT_CORE, &no_core);
+  brume::keep_freed_memory();  // in large pages: clearing small ones takes longer than reading a small volume
   try {
     start_threads();
     brume::MemoryFile exchange(brume::kHandedOver);

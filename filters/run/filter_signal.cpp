@@ -145,7 +145,8 @@ Rgb filtered(const Run& run, const FilterFrame& frame, const Box& interior, Tota
   Rgb out{Plane(width, height), Plane(width, height), Plane(width, height)};
   run.filter.run(frame, {{&out[0], &out[1], &out[2]}, products, &totals.notes, &totals.repaired_records}, task);
   task.check();
-  if (run.filter.entry().box) give_back_freed_memory();  // of a whole frame's work, before whole planes are written
+  // Of a whole frame's work, before whole planes are written.
+  if (run.filter.entry().box && saves_memory(static_cast<size_t>(width) * height)) give_back_freed_memory();
   if (run.mask && !run.filter.entry().background) clean_background(frame, out, task);
   for_each_pixel(interior, [&](int x, int y) {
     if (std::isfinite(out[0](x, y)) && std::isfinite(out[1](x, y)) && std::isfinite(out[2](x, y))) return;

@@ -48,12 +48,15 @@ double turned_towards(const AmbientLight::Node& node, const dvec3& direction) {
 }  // namespace
 
 AmbientLight::AmbientLight(const Lattice& lattice, double scale)
-    : lattice_(lattice), scale_(scale), nodes_(static_cast<size_t>(lattice.n.x) * lattice.n.y * lattice.n.z) {}
+    : lattice_(lattice),
+      scale_(scale),
+      extinctions_(static_cast<size_t>(lattice.n.x) * lattice.n.y * lattice.n.z),
+      nodes_(extinctions_.size()) {}
 
-const AmbientLight::Node* AmbientLight::node_at(const dvec3& place) const {
+std::optional<size_t> AmbientLight::node_at(const dvec3& place) const {
   const ivec3 node(glm::floor(place + 0.5));
-  if (glm::any(glm::lessThan(node, ivec3(0))) || glm::any(glm::greaterThanEqual(node, lattice_.n))) return nullptr;
-  return &nodes_[index(node.x, node.y, node.z)];
+  if (glm::any(glm::lessThan(node, ivec3(0))) || glm::any(glm::greaterThanEqual(node, lattice_.n))) return {};
+  return index(node.x, node.y, node.z);
 }
 
 AmbientLight::Incident AmbientLight::along(const dvec3& p, const dvec3& direction, double distance) const {
@@ -64,9 +67,11 @@ AmbientLight::Incident AmbientLight::along(const dvec3& p, const dvec3& directio
   double &scaled = light.scaled_transmittance, &transmittance = light.transmittance;
   for (; t < t_end && scaled > kDark; t += 1) {
     const double length = std::min(1.0, t_end - t);
-    const Node* const node = node_at(from + direction * (t + 0.5 * length));
-    if (!node) break;
-    const double depth = static_cast<double>(node->extinction) * length, whole = depth / scale_;
+    const std::optional<size_t> at = node_at(from + direction * (t + 0.5 * length));
+    if (!at) break;
+    const Node* const node = &nodes_[*at];
+    if (extinctions_[*at] == 0 && node->emitted == std::array<float, 3>{}) continue;
+    const double depth = static_cast<double>(extinctions_[*at]) * length, whole = depth / scale_;
     const double left = attenuation(depth), kept = attenuation(whole);
     const double seen = scaled * (depth > 1e-9 ? (1 - left) / depth : 1) * length,
                  seen_unscattered = transmittance * (whole > 1e-9 ? (1 - kept) / whole : 1) * length;
@@ -96,9 +101,9 @@ double AmbientLight::depth(const dvec3& from, const dvec3& towards, double dista
     const dvec3 place = start + towards * (t + 0.5 * length);
     const ivec3 node = glm::clamp(ivec3(place), ivec3(0), lattice_.n - 2);
     const dvec3 f = place - dvec3(node);
-    const Node* const first = &nodes_[index(node.x, node.y, node.z)];
-    const auto along_z = [&](const Node* at) {
-      return static_cast<double>(at[0].extinction) * (1 - f.z) + static_cast<double>(at[1].extinction) * f.z;
+    const float* const first = &extinctions_[index(node.x, node.y, node.z)];
+    const auto along_z = [&](const float* at) {
+      return static_cast<double>(at[0]) * (1 - f.z) + static_cast<double>(at[1]) * f.z;
     };
     depth += length * ((along_z(first) * (1 - f.y) + along_z(first + y) * f.y) * (1 - f.x) +
                        (along_z(first + x) * (1 - f.y) + along_z(first + x + y) * f.y) * f.x);

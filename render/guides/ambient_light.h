@@ -1,5 +1,6 @@
 #pragma once
 #include <array>
+#include <optional>
 #include <vector>
 
 #include "render/guides/lattice.h"
@@ -11,7 +12,6 @@ class AmbientLight {
  public:
   /// What a node sends out, per spacing.
   struct Node {
-    float extinction = 0;               ///< without the forward peak
     std::array<float, 3> emitted{};     ///< RGB, the same in every direction
     std::array<float, 12> scattered{};  ///< RGB of the mean, and of the parts along x, y and z
   };
@@ -23,7 +23,9 @@ class AmbientLight {
   std::vector<Node>& nodes() { return nodes_; }
   size_t index(int x, int y, int z) const { return (static_cast<size_t>(x) * lattice_.n.y + y) * lattice_.n.z + z; }
 
-  float extinction(int x, int y, int z) const { return nodes_[index(x, y, z)].extinction; }
+  /// Of each node, without the forward peak.
+  std::vector<float>& extinctions() { return extinctions_; }
+  float extinction(int x, int y, int z) const { return extinctions_[index(x, y, z)]; }
 
   /// RGB that arrives at a point from a direction, of what lies nearer than a distance.
   struct Incident {
@@ -35,10 +37,11 @@ class AmbientLight {
   double depth(const dvec3& from, const dvec3& towards, double distance) const;
 
  private:
-  const Node* node_at(const dvec3& place) const;
+  std::optional<size_t> node_at(const dvec3& place) const;
 
   Lattice lattice_;
   double scale_;
+  std::vector<float> extinctions_;  // apart from the rest: along many rays nothing else is read
   std::vector<Node> nodes_;
 };
 

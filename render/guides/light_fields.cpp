@@ -164,12 +164,11 @@ LightFields::LightFields(const std::vector<GuideMedia>& times, const Lights& lig
     if (colour == kGrey && media.mixed_tints()) node_tints_.resize(ambient_light_->nodes().size());
     coarse.each_node([&](int x, int y, int z, size_t i) {
       const size_t at = ambient_light_->index(x, y, z);
-      AmbientLight::Node& node = ambient_light_->nodes()[at];
-      node.extinction = coarse.scaled_extinction()[i];
+      ambient_light_->extinctions()[at] = coarse.scaled_extinction()[i];
       if (!node_tints_.empty()) node_tints_[at] = vec3(mean_tint(media, coarse_.node(x, y, z), coarse_.spacing));
       if (media.emissions().empty()) return;
       const vec3 emission(mean_emission(media, coarse_.node(x, y, z), coarse_.spacing) * coarse_.spacing);
-      node.emitted = {emission.x, emission.y, emission.z};
+      ambient_light_->nodes()[at].emitted = {emission.x, emission.y, emission.z};
     });
   }
   if (surfaces) surface_light_.emplace(media, *surfaces, *ambient_light_, task);
@@ -199,7 +198,7 @@ void LightFields::add_surface_light(LightSolve& solving, ScatteringSolver& coars
 
 AmbientLight LightFields::scattered_by_media(const SurfaceLight& light, ScatteringSolver& coarse) const {
   AmbientLight scattering = *ambient_light_;
-  for (AmbientLight::Node& node : scattering.nodes()) node = {node.extinction};
+  std::fill(scattering.nodes().begin(), scattering.nodes().end(), AmbientLight::Node());
   Radiance arriving = coarse.nothing<Radiance>();
   coarse.each_node([&](int x, int y, int z, size_t i) {
     if (coarse.extinction()[i] == 0) return;

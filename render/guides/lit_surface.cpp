@@ -7,6 +7,7 @@
 
 #include "base/math.h"
 #include "render/guides/attenuation.h"
+#include "render/guides/light_rim.h"
 #include "render/guides/sky_light.h"
 #include "render/transport/estimator.h"
 
@@ -70,25 +71,17 @@ ShadedPoint::ShadedPoint(const Surfaces& surfaces, const Ray& ray, const Surface
   bsdf = gloss ? bsdf.base_seen(glm::dot(wo, normal)) : bsdf.evened();
 }
 
-// What surfaces leave of a light at a point: its middle if it is small, else the mean over it, closer where parts
-// of it are hidden.
+// What surfaces leave of a light at a point: its middle if it is small, else the mean over it.
 dvec3 LitSurfaces::unshadowed(const KnownLight& source, const ArrivingLight& light, const dvec3& p) const {
-  const auto mean_of = [&](int across) {
-    dvec3 sum(0), first(0);
-    bool alike = true;
-    for (int i = 0; i < across * across; ++i) {
-      const LightSample s =
-          base_of(source).sample(p, (dvec2(i % across, i / across) + 0.5) / static_cast<double>(across));
-      const dvec3 light_there = surfaces->passage({p, s.wi}, std::min(s.distance, kFar)).light;
-      if (i == 0) first = light_there;
-      alike = alike && light_there == first;
-      sum += light_there;
-    }
-    return std::pair(sum / static_cast<double>(across * across), alike);
-  };
   if (!has_extent(source)) return surfaces->passage({p, light.towards}, light.distance).light;
-  const auto [few, alike] = mean_of(2);
-  return alike ? few : mean_of(4).first;
+  if (const std::optional<dvec3> alike = left_alike(source, *surfaces, p)) return *alike;
+  dvec3 sum(0);
+  for (int i = 0; i < kPenumbraAcross * kPenumbraAcross; ++i) {
+    const dvec2 place = (dvec2(i % kPenumbraAcross, i / kPenumbraAcross) + 0.5) / static_cast<double>(kPenumbraAcross);
+    const LightSample s = base_of(source).sample(p, place);
+    sum += surfaces->passage({p, s.wi}, std::min(s.distance, kFar)).light;
+  }
+  return sum / static_cast<double>(kPenumbraAcross * kPenumbraAcross);
 }
 
 Lit LitSurfaces::shares(const dvec3& p, const dvec3& towards, double distance) const {

@@ -22,7 +22,6 @@ constexpr double kNodesPerLookUp = 1;  // of the spacing of nodes, between two l
 constexpr double kNarrow = 0.99;       // mean cosine of directions that count as one
 // Rays count their steps from a multiple of so many, so that theirs and those of longer strides lie alike in all rays.
 constexpr double kCountedSteps = 6;
-constexpr int kTurns = 4096;  // angles at which phase functions are tabulated
 
 void set_place(MarchedRay::Place& place, const dvec3& start, const dvec3& along) {
   for (int a = 0; a < 3; ++a) {
@@ -36,13 +35,30 @@ bool looked_up_in_vectors(const Medium& m) {
          LaneGrid::fits(m.bricks());
 }
 
+bool of_one_density(const Medium& m) {
+  return m.homogeneous() && !m.falls_off() && !m.coloured() && !m.instances();
+}
+
+/// @param step  the unit of length [world units]
+MarchedShape marched_shape(const GuideMedia& media, size_t medium, GuideColour colour, double step) {
+  const GuideMedia::Constants& c = media.constants(medium);
+  const auto of = static_cast<size_t>(colour + 1);
+  return {medium,
+          static_cast<float>(c.per_density[of] * step),
+          static_cast<float>(c.albedo[of]),
+          static_cast<float>(media.mean_cosine(medium)),
+          {static_cast<float>(c.tint.x), static_cast<float>(c.tint.y), static_cast<float>(c.tint.z)},
+          media.media()[medium].holdout() ? 0.0f : 1.0f};
+}
+
 /// @param step  the unit of length [world units]
 MarchedGrid marched_grid(const GuideMedia& media, size_t medium, GuideColour colour, double step) {
   const Medium& m = media.media()[medium];
   const GuideMedia::Constants& c = media.constants(medium);
   const auto of = static_cast<size_t>(colour + 1);
   const double extinction = c.per_density[of] * step;
-  MarchedGrid grid{LaneGrid::of_values(m.bricks()),
+  MarchedGrid grid{medium,
+                   LaneGrid::of_values(m.bricks()),
                    {},
                    static_cast<float>(extinction),
                    static_cast<float>(c.albedo[of]),
@@ -123,8 +139,16 @@ MarchScene::MarchScene(const std::vector<GuideMedia>& media, size_t time, const 
       fields_(fields),
       colour_(colour) {
   const std::vector<Medium>& all = own_.media();
-  if (all.size() <= kMostMarchedGrids && std::all_of(all.begin(), all.end(), looked_up_in_vectors))
-    for (size_t i = 0; i < all.size(); ++i) grids.push_back(marched_grid(own_, i, colour, steps.length));
+  const auto even = static_cast<size_t>(std::count_if(all.begin(), all.end(), of_one_density));
+  const auto in_vectors = [](const Medium& m) { return of_one_density(m) || looked_up_in_vectors(m); };
+  if (even <= kMostMarchedShapes && all.size() - even <= kMostMarchedGrids &&
+      std::all_of(all.begin(), all.end(), in_vectors))
+    for (size_t i = 0; i < all.size(); ++i) {
+      if (of_one_density(all[i]))
+        shapes.push_back(marched_shape(own_, i, colour, steps.length));
+      else
+        grids.push_back(marched_grid(own_, i, colour, steps.length));
+    }
   for (size_t k = 0; k < fields.lights().size(); ++k) {
     const SharpLight* const light = fields.lights()[k]->sharp();
     if (!light) continue;
@@ -137,9 +161,16 @@ MarchScene::MarchScene(const std::vector<GuideMedia>& media, size_t time, const 
     to.varies = all.size() != 1;
   }
   const bool any_lamp = std::any_of(lights.begin(), lights.end(), [](const MarchedLight& l) { return !l.sun; });
-  for (int i = 0; any_lamp && all.size() == 1 && i <= kTurns; ++i) {
+  if (!any_lamp || all.size() != 1) return;
+  constexpr auto kEntries = static_cast<size_t>(kTurns) + 1;
+  turns.resize(kEntries * (std::size(TurnedLight().phase) + std::size(TurnedLight().peak)));
+  for (size_t i = 0; i < kEntries; ++i) {
     const double sine = static_cast<double>(i) / kTurns;
-    turn_exactly(turned_.emplace_back(), 1 - 2 * sine * sine, own_.mean_cosine(0), 1);
+    TurnedLight exact;
+    turn_exactly(exact, 1 - 2 * sine * sine, own_.mean_cosine(0), 1);
+    float* to = turns.data() + i;
+    for (const float phase : exact.phase) *std::exchange(to, to + kEntries) = phase;
+    for (const float peak : exact.peak) *std::exchange(to, to + kEntries) = peak;
   }
 }
 
@@ -166,10 +197,15 @@ MarchedRay& MarchScene::aim(const Ray& ray, double t_max, double stride, double 
     to.level = longest_through_layers(own_, ray);
   }
   for (size_t i = 0; i < grids.size(); ++i) {
-    const Ray local = own_.media()[i].to_local(ray);
+    const Ray local = own_.media()[grids[i].medium].to_local(ray);
     set_place(to.grid[i], local.at(to.start), step * local.d);
   }
-  if (grids.empty()) to.line.emplace(own_, colour_).follow(ray);
+  for (size_t i = 0; i < shapes.size(); ++i) {
+    const Medium& medium = own_.media()[shapes[i].medium];
+    const auto [begin, end] = medium.homogeneous()->intersect(medium.to_local(ray));
+    to.shape[i] = vec2((begin - to.start) / step, (end - to.start) / step);
+  }
+  if (grids.empty() && shapes.empty()) to.line.emplace(own_, colour_).follow(ray);
   // The only medium's light was solved where it was in the middle of the shutter, a line of it was a line there, too.
   const GuideMedia& middle = media_[media_.size() / 2];
   const bool alone = own_.media().size() == 1;
@@ -184,7 +220,7 @@ MarchedRay& MarchScene::aim(const Ray& ray, double t_max, double stride, double 
     to.turned[k].irradiance = lights[k].irradiance;
     to.turned[k].g = std::numeric_limits<double>::quiet_NaN();
     if (own_.media().size() == 1)
-      set_phase(to.turned[k], glm::dot(lights[k].light->sun()->towards(), ray.d), own_.mean_cosine(0), 1);
+      turn_exactly(to.turned[k], glm::dot(lights[k].light->sun()->towards(), ray.d), own_.mean_cosine(0), 1);
   }
   return to;
 }
@@ -234,20 +270,6 @@ void MarchScene::emit(const MarchedRay& ray, float t, float straight, float by_p
   if (ray.deep) ray.deep->steps.back().light += vec3(emission * (unscattered + peaks));
 }
 
-// Of one medium, whose mean cosine is the same everywhere, the exact terms are interpolated.
-void MarchScene::set_phase(TurnedLight& light, double cosine, double g, double spread) const {
-  if (turned_.empty() || spread < kNarrow) {
-    turn_exactly(light, cosine, g, spread);
-    return;
-  }
-  const double place = std::sqrt(std::clamp(0.5 * (1 - cosine), 0.0, 1.0)) * kTurns;
-  const auto first = std::min(static_cast<size_t>(place), static_cast<size_t>(kTurns - 1));
-  const auto share = static_cast<float>(place - static_cast<double>(first));
-  const TurnedLight &a = turned_[first], &b = turned_[first + 1];
-  for (size_t i = 0; i < std::size(a.phase); ++i) light.phase[i] = a.phase[i] + share * (b.phase[i] - a.phase[i]);
-  for (size_t i = 0; i < std::size(a.peak); ++i) light.peak[i] = a.peak[i] + share * (b.peak[i] - a.peak[i]);
-}
-
 // The phase function, octaves and forward peak.
 void MarchScene::turn_exactly(TurnedLight& light, double cosine, double g, double spread) const {
   const bool one = own_.media().size() == 1;
@@ -260,22 +282,29 @@ void MarchScene::turn_exactly(TurnedLight& light, double cosine, double g, doubl
   std::copy(peak.begin(), peak.end(), light.peak);
 }
 
-void MarchScene::turn(MarchedRay& ray, size_t k, float t, float g, float depth) const {
+MarchScene::Turned MarchScene::turn(MarchedRay& ray, size_t k, float t, float g, float depth) const {
   TurnedLight& to = ray.turned[k];
   if (const SunLight* const sun = lights[k].light->sun()) {
     // In steps, so that it seldom changes.
     constexpr double kSteps = 1024;
     const double rounded = std::round(static_cast<double>(g) * kSteps) / kSteps;
-    if (to.g == rounded) return;
+    if (to.g == rounded) return Turned::kSame;
     to.g = rounded;
-    set_phase(to, glm::dot(sun->towards(), ray.ray.d), rounded, 1);
-    return;
+    turn_exactly(to, glm::dot(sun->towards(), ray.ray.d), rounded, 1);
+    return Turned::kAll;
   }
   ArrivingLight arriving = arriving_light(lights[k].light->light(), in_light(ray, t));
   arriving.depth = depth;
   to.irradiance = static_cast<float>(in_colour(arriving.irradiance, colour_));
   to.mean_depth = static_cast<float>(arriving.mean_depth());
-  set_phase(to, glm::dot(arriving.towards, ray.ray.d), g, arriving.mean_cosine());
+  const double cosine = glm::dot(arriving.towards, ray.ray.d), spread = arriving.mean_cosine();
+  // Of one medium, whose mean cosine is the same everywhere, the exact terms are interpolated.
+  if (!turns.empty() && spread >= kNarrow) {
+    to.turn = static_cast<float>(std::sqrt(std::clamp(0.5 * (1 - cosine), 0.0, 1.0)) * kTurns);
+    return Turned::kTabulated;
+  }
+  turn_exactly(to, cosine, g, spread);
+  return Turned::kAll;
 }
 
 dvec3 MarchScene::in_light(const MarchedRay& ray, float t) const {

@@ -19,7 +19,7 @@
 
 namespace brume {
 
-inline constexpr size_t kMostMarchedGrids = 4, kMostSharpLights = 4;
+inline constexpr size_t kMostMarchedGrids = 4, kMostMarchedShapes = 4, kMostSharpLights = 4;
 
 /// The march's unit of length, and what is counted in it.
 struct MarchSteps {
@@ -34,6 +34,7 @@ struct MarchSteps {
 
 /// A medium that is a still grid of one albedo.
 struct MarchedGrid {
+  size_t medium;
   LaneGrid stored;
   LaneCells cells;        ///< of it
   float extinction;       ///< per density
@@ -42,6 +43,15 @@ struct MarchedGrid {
   float tint[3];          ///< of light scattered once
   float seen;             ///< 1, of a holdout 0
   float gradient[3][3];   ///< from the change of the density per voxel to that of the extinction per step, world axes
+};
+
+/// A homogeneous medium of one density.
+struct MarchedShape {
+  size_t medium;
+  float extinction;  ///< per step
+  float albedo, g;
+  float tint[3];
+  float seen;
 };
 
 /// A sun or a lamp.
@@ -58,6 +68,7 @@ struct MarchedLight {
 /// Light of a sun or lamp as it turns towards the eye.
 struct TurnedLight {
   float irradiance = 0;
+  float turn = 0;                 ///< of a lamp whose phases are tabulated: the place in each table
   float mean_depth = 0;           ///< of a lamp: of the mean transmittance of all directions to it
   float phase[4] = {};            ///< with the mean cosine, a half, a quarter, an eighth of it
   float peak[8] = {};             ///< ForwardPeak::coefficients
@@ -71,9 +82,10 @@ struct MarchedRay {
     float start[3], along[3];  ///< where steps are counted from, and its change per step
   };
   Ray ray;
-  double start = 0;                           ///< of the steps [world units]
-  std::array<Place, kMostMarchedGrids> grid;  ///< [voxels]
-  std::array<Place, kMostSharpLights> light;  ///< on a sun's lattice
+  double start = 0;                            ///< of the steps [world units]
+  std::array<Place, kMostMarchedGrids> grid;   ///< [voxels]
+  std::array<vec2, kMostMarchedShapes> shape;  ///< where it is inside, from..to
+  std::array<Place, kMostSharpLights> light;   ///< on a sun's lattice
   std::array<TurnedLight, kMostSharpLights> turned;
   Place nodes;                                    ///< on the fields' lattice
   std::optional<MediaLine> line;                  ///< where media are not looked up in vectors
@@ -124,7 +136,8 @@ class MarchScene {
 
   const MarchSteps steps;
   const Lattice& nodes;              ///< of what is known of lights
-  std::vector<MarchedGrid> grids;    ///< of all media; empty: media are looked up point by point
+  std::vector<MarchedGrid> grids;    ///< and
+  std::vector<MarchedShape> shapes;  ///< are all media; both empty: media are looked up point by point
   std::vector<MarchedLight> lights;  ///< suns and lamps with guides of their own
   bool emits, mixed_tints;
   bool holdouts;            ///< some media hide what is behind them and are not seen
@@ -149,9 +162,15 @@ class MarchScene {
   /// Adds emission. @param straight  length of what emits times its transmittance
   /// @param by_peaks  the same where forward peaks dim nothing   @param depth  optical depth of peaks before it
   void emit(const MarchedRay& ray, float t, float straight, float by_peaks, float depth) const;
+  /// What MarchScene::turn set of a light: nothing; all; all but phases and peaks, which are to be looked up in turns.
+  enum class Turned { kSame, kAll, kTabulated };
   /// Sets ray.turned of a light. @param g  mean cosine there   @param depth  of a lamp: optical depth towards its
   /// middle
-  void turn(MarchedRay& ray, size_t light, float t, float g, float depth) const;
+  Turned turn(MarchedRay& ray, size_t light, float t, float g, float depth) const;
+  /// Where one medium is lit by lamps: phases and peaks of light that is narrow, at the sines of half the angle from 0
+  /// to 1, evenly; one table behind the other.
+  std::vector<float> turns;
+  static constexpr int kTurns = 4096;  ///< entries of a table, less one
   /// Where the light of what is there was solved: it may move. World space
   dvec3 in_light(const MarchedRay& ray, float t) const;
   /// Makes the tint of a ray that of media which give light so much of each colour by one scattering.
@@ -163,14 +182,12 @@ class MarchScene {
 
  private:
   dvec3 point(const MarchedRay& ray, float t) const { return ray.ray.at(ray.start + steps.length * t); }
-  void set_phase(TurnedLight& light, double cosine, double g, double spread) const;
   void turn_exactly(TurnedLight& light, double cosine, double g, double spread) const;
 
   const std::vector<GuideMedia>& media_;
   const GuideMedia& own_;  // of the time
   const LightFields& fields_;
   const GuideColour colour_;
-  std::vector<TurnedLight> turned_;  // of one medium and narrow light: by the sine of half the angle, evenly
 };
 
 }  // namespace brume

@@ -66,15 +66,15 @@ struct NodeFields::Sky {
     const double left = here.sigma_t > 0 ? 1 - here.albedo * peak_weight(g) : fields.scaled_extinction();
     double weights = 0;
     for (size_t d = 0; d < directions.size(); ++d) {
-      const double c = glm::dot(directions[d], -view), share = fields.sky()(node, d);
+      const double c = glm::dot(directions[d], -view), root = fields.sky().root(node, d), share = root * root;
       const double weight = one ? nodes.cap_phase_.value(c) : HenyeyGreenstein{kCapMeanCosine * g}.value(c);
       weights += weight;
       if (!(share > 0)) continue;
       result.single[d] = weight * share;
       const double depth = (1 - left) * std::max(0.0, -portable_log(share));
       if (depth > 0) result.forward[d] = 4 * kPi / count * share * peak(g, c).repeated(depth);
-      result.root[d] = std::sqrt(share) / count;
-      result.fourth_root[d] = std::sqrt(std::sqrt(share)) / count;
+      result.root[d] = root / count;
+      result.fourth_root[d] = std::sqrt(root) / count;
     }
     for (size_t d = 0; d < directions.size(); ++d) {
       result.single[d] /= weights;
@@ -195,7 +195,7 @@ struct NodeLight {
   const GuideColour colour;
   const OrderTint tint;
   float* out;
-  dvec3 p{0};
+  ivec3 node;  // of the coarse lattice
 
   void add(size_t first, double mean, const dvec3& flux, const dvec3& rgb) const {
     for (size_t moment = 0; moment < 4; ++moment)
@@ -203,30 +203,40 @@ struct NodeLight {
         out[first + 3 * moment + static_cast<size_t>(c)] +=
             static_cast<float>(rgb[c] * (moment == 0 ? mean : flux[static_cast<int>(moment) - 1]));
   }
-  template <class Light>
-  void add(size_t first, const Lattice& lattice, const Light& light, const dvec3& rgb, double linear = 1) const {
-    const NodeWeights around(lattice, p);
-    const auto at = [&](size_t m) { return static_cast<double>(around(light[m])); };
+  template <class At>
+  void add(size_t first, const At& at, const dvec3& rgb, double linear = 1) const {
     add(first, at(0), linear * dvec3(at(1), at(2), at(3)), rgb);
   }
   void add_all() const {
     const auto& directions = ScatteringSolver::directions();
+    const Lattice& coarse = fields.coarse_lattice();
+    const size_t own_node = coarse.index(node.x, node.y, node.z);
+    const dvec3 p = coarse.node(node.x, node.y, node.z);
+    const NodeWeights around(fields.lattice(), p);
+    const auto between = [&](const auto& light) {
+      return [&](size_t moment) { return static_cast<double>(around(light[moment])); };
+    };
+    const auto here = [&](const auto& light) {
+      return [&](size_t moment) { return static_cast<double>(light[moment][own_node]); };
+    };
     const GuideMedia::Point point = media.at(p, colour);
     const OrderTint tints = media.mixed_tints() ? OrderTint(point.tint) : tint;
     std::vector<double> arriving;  // share of the sky's light, by its direction
     if (!fields.sky().empty()) {
-      const NodeWeights around(fields.lattice(), p);
       for (size_t d = 0; d < directions.size(); ++d)
-        arriving.push_back(around.mean([&](size_t node) { return fields.sky()(node, d); }));
+        arriving.push_back(around.mean([&](size_t fine_node) { return fields.sky()(fine_node, d); }));
     }
     for (const auto& light : fields.lights()) {
       const GuideLight& g = *light;
       const dvec3 own = g.colour_in(colour);
-      for (size_t order = 0; order < g.orders.size(); ++order)
-        add(kOften, order < GuideLight::kFineGuides ? fields.lattice() : fields.coarse_lattice(), g.orders[order],
-            own * tints.of_guide(order));
-      if (!g.unscattered[0].empty())
-        add(kOnce, fields.lattice(), g.unscattered, point.albedo * own * tints.once(), 3 * point.g);
+      for (size_t order = 0; order < g.orders.size(); ++order) {
+        const dvec3 tinted = own * tints.of_guide(order);
+        if (order < GuideLight::kFineGuides)
+          add(kOften, between(g.orders[order]), tinted);
+        else
+          add(kOften, here(g.orders[order]), tinted);
+      }
+      if (!g.unscattered[0].empty()) add(kOnce, between(g.unscattered), point.albedo * own * tints.once(), 3 * point.g);
       if (!g.sky()) continue;
       double mean = 0;
       dvec3 flux(0);
@@ -250,7 +260,7 @@ NodeTable any_direction(const LightFields& fields, const GuideMedia& media, Guid
   parallel_for(coarse.n.x, quiet(task), [&](int x) {
     for (int y = 0; y < coarse.n.y; ++y)
       for (int z = 0; z < coarse.n.z; ++z)
-        NodeLight{fields, media, colour, tint, table.node(x, y, z), coarse.node(x, y, z)}.add_all();
+        NodeLight{fields, media, colour, tint, table.node(x, y, z), {x, y, z}}.add_all();
   });
   return table;
 }

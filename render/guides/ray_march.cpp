@@ -138,6 +138,16 @@ struct TurnedLanes {
     for (size_t i = 0; i < 4; ++i) phase[i][lane] = light.phase[i];
     for (size_t i = 0; i < 8; ++i) peak[i][lane] = light.peak[i];
   }
+  /// Phases and peaks at a place in each of MarchScene::turns.
+  HWY_INLINE void look_up(const float* turns, V turn, M mask) {
+    const V first = hn::Min(hn::Floor(turn), hn::Set(D(), static_cast<float>(MarchScene::kTurns - 1)));
+    const VI index = hn::ConvertTo(DI(), first);
+    const auto next = [&] {
+      return between_entries(std::exchange(turns, turns + MarchScene::kTurns + 1), index, turn - first);
+    };
+    for (Lane& one : phase) one.store(mask, next());
+    for (Lane& one : peak) one.store(mask, next());
+  }
   void begin(size_t lane, const MarchedRay::Place& at, const TurnedLight& light) {
     place.set(lane, at);
     set(lane, light);
@@ -210,6 +220,10 @@ class RayMarch {
     ray_[lane] = &ray;
     busy_ |= 1u << lane;
     for (size_t i = 0; i < scene_.grids.size(); ++i) grid_[i].set(lane, ray.grid[i]);
+    for (size_t i = 0; i < scene_.shapes.size(); ++i) {
+      shape_begin_[i][lane] = ray.shape[i].x;
+      shape_end_[i][lane] = ray.shape[i].y;
+    }
     nodes_.set(lane, ray.nodes);
     for (size_t k = 0; k < scene_.lights.size(); ++k) light_[k].begin(lane, ray.light[k], ray.turned[k]);
     stride_[lane] = ray.stride;
@@ -254,6 +268,7 @@ class RayMarch {
   HWY_INLINE V step_length(M active, V t) const;
   HWY_INLINE MediaAt media_at(M active, V t) const;
   HWY_INLINE void add_grid(const MarchedGrid& grid, const V3& p, M active, MediaAt& sum) const;
+  HWY_INLINE void add_shape(size_t shape, V t, M active, MediaAt& sum) const;
   MediaAt media_point_by_point(M active, V t) const;
   void add_light(M mask);
   HWY_INLINE void add_turned_light(size_t k, M mask);
@@ -277,6 +292,7 @@ class RayMarch {
   MarchedRay* ray_[hn::MaxLanes(D())] = {};
   uint32_t part_[hn::MaxLanes(D())] = {};
   Line grid_[kMostMarchedGrids], nodes_;
+  Lane shape_begin_[kMostMarchedShapes], shape_end_[kMostMarchedShapes];
   TurnedLanes light_[kMostSharpLights];
   Lane stride_, offset_, t_, begin_, end_, segment_end_;
   // Transmittances with the extinction, a half, a quarter, an eighth of it, and without the forward peak.
@@ -350,6 +366,19 @@ HWY_INLINE void RayMarch::add_grid(const MarchedGrid& grid, const V3& p, M activ
   if (scene_.holdouts) sum.seen = sum.seen + extinction * grid.seen;
 }
 
+HWY_INLINE void RayMarch::add_shape(size_t number, V t, M active, MediaAt& sum) const {
+  const MarchedShape& shape = scene_.shapes[number];
+  const M inside = hn::And(active, hn::And(t >= shape_begin_[number].load(), t <= shape_end_[number].load()));
+  const auto only = [&](V v) { return hn::IfThenElseZero(inside, v); };
+  const V extinction = only(set(shape.extinction)), scattered = extinction * (shape.seen * shape.albedo);
+  sum.extinction = sum.extinction + extinction;
+  sum.albedo = sum.albedo + scattered;
+  sum.g = sum.g + scattered * shape.g;
+  sum.density = hn::Max(sum.density, only(set(1.0f)));
+  sum.tint += scattered * set3(shape.tint);
+  if (scene_.holdouts) sum.seen = sum.seen + extinction * shape.seen;
+}
+
 MediaAt RayMarch::media_point_by_point(M active, V t) const {
   Lane extinction, albedo, g, density, seen;
   Lanes3 gradient, tint;
@@ -368,11 +397,12 @@ MediaAt RayMarch::media_point_by_point(M active, V t) const {
 
 /// Albedo, mean cosine and tint are means.
 HWY_INLINE MediaAt RayMarch::media_at(M active, V t) const {
-  if (scene_.grids.empty()) return media_point_by_point(active, t);
+  if (scene_.grids.empty() && scene_.shapes.empty()) return media_point_by_point(active, t);
   const V zero = hn::Zero(D());
   MediaAt sum{zero, zero, zero, zero, zero3(), zero3(), scene_.holdouts ? zero : set(1.0f)};
   for (size_t i = 0; i < scene_.grids.size(); ++i) add_grid(scene_.grids[i], grid_[i].at(t), active, sum);
-  if (scene_.grids.size() > 1) {
+  for (size_t i = 0; i < scene_.shapes.size(); ++i) add_shape(i, t, active, sum);
+  if (scene_.grids.size() + scene_.shapes.size() > 1) {
     const auto share = [&](V part, V whole) {
       return hn::IfThenElseZero(whole > zero, part / hn::Max(whole, set(1e-37f)));
     };
@@ -382,11 +412,16 @@ HWY_INLINE MediaAt RayMarch::media_at(M active, V t) const {
     sum.tint = {share(sum.tint.x, scattered), share(sum.tint.y, scattered), share(sum.tint.z, scattered)};
     if (scene_.holdouts) sum.seen = share(sum.seen, sum.extinction);
   } else {
-    const MarchedGrid& grid = scene_.grids[0];
-    sum.seen = set(grid.seen);
-    sum.albedo = set(grid.albedo);
-    sum.g = set(grid.g);
-    sum.tint = set3(grid.tint);
+    const auto alone = [&](const auto& medium) {
+      sum.seen = set(medium.seen);
+      sum.albedo = set(medium.albedo);
+      sum.g = set(medium.g);
+      sum.tint = set3(medium.tint);
+    };
+    if (scene_.grids.empty())
+      alone(scene_.shapes[0]);
+    else
+      alone(scene_.grids[0]);
   }
   return sum;
 }
@@ -663,10 +698,18 @@ HWY_INLINE void RayMarch::add_turned_light(size_t k, M mask) {
     Lane g, towards_middle;
     g.store(segment_.g.load() * inverse);
     towards_middle.store(depth);
+    Lane turn;
+    uint32_t tabulated = 0;
     for_each_lane(mask, distance, [&](size_t lane, MarchedRay& ray, float t) {
-      scene_.turn(ray, k, t, g[lane], towards_middle[lane]);
-      light.set(lane, ray.turned[k]);
+      const MarchScene::Turned turned = scene_.turn(ray, k, t, g[lane], towards_middle[lane]);
+      if (turned == MarchScene::Turned::kAll) light.set(lane, ray.turned[k]);
+      if (turned != MarchScene::Turned::kTabulated) return;
+      light.irradiance[lane] = ray.turned[k].irradiance;
+      light.mean_depth[lane] = ray.turned[k].mean_depth;
+      turn[lane] = ray.turned[k].turn;
+      tabulated |= 1u << lane;
     });
+    if (tabulated) light.look_up(scene_.turns.data(), turn.load(), mask_of(tabulated));
   }
   // Optical depths towards its middle, and of all directions to it.
   const V tau = known.sun ? sun_depth(*known.sun, light.place.at(distance), mask) : depth;

@@ -108,6 +108,7 @@ ScatteringSolver::ScatteringSolver(const Lattice& lattice, const Task& task) : l
   }
   for (size_t i = 0; i < bundles_.size(); ++i) {
     bundles_[i].y_major = i >= 4;
+    if (shares_sums(i)) continue;
     for (NodeValues& values : bundles_[i].light)
       values = NodeValues(bundles_[i].y_major ? y_major_.size() : z_major_.size());
   }
@@ -217,13 +218,12 @@ void ScatteringSolver::to_y_major(const NodeValues& z_major, NodeValues& y_major
 
 void ScatteringSolver::sweep_sources(const Emission& source, size_t count) {
   for (size_t a = 0; a < count; ++a) to_y_major(source[a], y_major_source_[a], false);
-  parallel_for(static_cast<int>(bundles_.size()), task_, [&](int i) {
-    Bundle& bundle = bundles_[static_cast<size_t>(i)];
+  each_bundle([&](const Bundle& bundle, const std::array<float*, 4>& moments, bool adds) {
     SweepMedia media{bundle.y_major ? y_major_scaled_.data() : scaled_.data(), {}, count};
     for (size_t a = 0; a < count; ++a) media.source[a] = bundle.y_major ? y_major_source_[a].data() : source[a].data();
     SweepDomain domain = near(bundle);
     domain.rows = domain.kept;
-    sweep(domain, media, beams(bundle), bundle.moments());
+    sweep(domain, media, beams(bundle), moments, adds);
   });
 }
 
@@ -245,6 +245,14 @@ std::vector<SweepBeam> ScatteringSolver::beams(const Bundle& bundle) const {
 }
 
 void ScatteringSolver::gather(Radiance& light) const {
+  if (shares_sums(1))
+    gather_sums<true>(light);
+  else
+    gather_sums<false>(light);
+}
+
+template <bool kShared>
+void ScatteringSolver::gather_sums(Radiance& light) const {
   constexpr int kBlock = 16;
   constexpr float kShare = 1.0f / kDirections;
   const ivec3 n = lattice_.n;
@@ -252,9 +260,13 @@ void ScatteringSolver::gather(Radiance& light) const {
     // Sums of a block of the y-major bundles, y fastest.
     std::vector<float> block(static_cast<size_t>(kBlock) * y_major_.row);
     for (size_t a = 0; a < 4; ++a) {
-      const auto of = [&](size_t bundle) { return bundles_[bundle].light[a].data(); };
-      const float *const left = of(0), *const right = of(1), *const front = of(2), *const back = of(3),
-                         *const down = of(4), *const up = of(5);
+      // Of the two bundles along an axis.
+      const auto along_axis = [&](size_t axis) {
+        return [one = bundles_[2 * axis].light[a].data(), other = bundles_[2 * axis + 1].light[a].data()](size_t i) {
+          return kShared ? one[i] : one[i] + other[i];
+        };
+      };
+      const auto along_x = along_axis(0), along_y = along_axis(1), along_z = along_axis(2);
       for (int z0 = 0; z0 < n.z; z0 += kBlock) {
         const int count = std::min(kBlock, n.z - z0);
         for (int k = 0; k < count; ++k) {
@@ -262,15 +274,14 @@ void ScatteringSolver::gather(Radiance& light) const {
           float* const sum = block.data() + static_cast<size_t>(k) * y_major_.row;
           const SweepRow row = y_major_rows_[line / y_major_.row];
           std::fill_n(sum, y_major_.row, 0.0f);
-          for (int y = row.begin; y < row.end; ++y) sum[y] = down[line + y] + up[line + y];
+          for (int y = row.begin; y < row.end; ++y) sum[y] = along_z(line + y);
         }
         for (int y = 0; y < n.y; ++y) {
           const SweepRow row = rows_[static_cast<size_t>(x) * n.y + y];
           const size_t first = lattice_.index(x, y, 0);
           for (int z = std::max(z0, row.begin); z < std::min(z0 + count, row.end); ++z) {
             const size_t i = first + z;
-            light[a][i] = kShare * (left[i] + right[i] + front[i] + back[i] +
-                                    block[static_cast<size_t>(z - z0) * y_major_.row + y]);
+            light[a][i] = kShare * (along_x(i) + along_y(i) + block[static_cast<size_t>(z - z0) * y_major_.row + y]);
           }
         }
       }
@@ -311,11 +322,10 @@ SkyShares ScatteringSolver::arriving(bool peaks) const {
 }
 
 Radiance ScatteringSolver::entering(const std::vector<double>& incoming) {
-  parallel_for(static_cast<int>(bundles_.size()), task_, [&](int i) {
-    Bundle& bundle = bundles_[static_cast<size_t>(i)];
+  each_bundle([&](const Bundle& bundle, const std::array<float*, 4>& moments, bool adds) {
     std::vector<SweepBeam> swept = beams(bundle);
     for (size_t k = 0; k < swept.size(); ++k) swept[k].incoming = static_cast<float>(incoming[bundle.directions[k]]);
-    sweep(near(bundle), {bundle.y_major ? y_major_scaled_.data() : scaled_.data(), {}, 0}, swept, bundle.moments());
+    sweep(near(bundle), {bundle.y_major ? y_major_scaled_.data() : scaled_.data(), {}, 0}, swept, moments, adds);
   });
   Radiance light = nothing<Radiance>();
   gather(light);

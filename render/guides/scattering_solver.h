@@ -38,8 +38,11 @@ class SkyShares {
   SkyShares() = default;
   SkyShares(const Lattice& lattice, size_t directions) : directions_(directions), roots_(lattice.size() * directions) {}
   float operator()(size_t node, size_t direction) const {
-    const float root = static_cast<float>(roots_[node * directions_ + direction]) * (1.0f / kOne);
-    return root * root;
+    const float own = root(node, direction);
+    return own * own;
+  }
+  float root(size_t node, size_t direction) const {
+    return static_cast<float>(roots_[node * directions_ + direction]) * (1.0f / kOne);
   }
   void set(size_t node, size_t direction, float share) {
     roots_[node * directions_ + direction] = static_cast<uint16_t>(kOne * std::sqrt(share) + 0.5f);
@@ -152,14 +155,31 @@ class ScatteringSolver {
     bool y_major = false;
     std::vector<size_t> directions;
     std::array<NodeValues, 4> light;  ///< sums over the directions, in the bundle's own order of nodes
-    std::array<float*, 4> moments() { return {light[0].data(), light[1].data(), light[2].data(), light[3].data()}; }
   };
+  /// One thread adds the second bundle along an axis to the sums of the first: half the memory, and the same bits.
+  bool shares_sums(size_t bundle) const { return task_.threads == 1 && bundle % 2 == 1; }
+  /// Calls visit(bundle, sums, whether it adds to them), on the task's threads.
+  template <class Visit>
+  void each_bundle(const Visit& visit) {
+    const auto one = [&](int i) {
+      const auto k = static_cast<size_t>(i);
+      std::array<NodeValues, 4>& sums = bundles_[shares_sums(k) ? k - 1 : k].light;
+      visit(bundles_[k], std::array{sums[0].data(), sums[1].data(), sums[2].data(), sums[3].data()}, shares_sums(k));
+    };
+    const auto count = static_cast<int>(bundles_.size());
+    if (task_.threads != 1) return parallel_for(count, task_, one);
+    for (int i = 0; i < count; ++i) one(i);
+    task_.check();
+  }
   std::vector<SweepBeam> beams(const Bundle& bundle) const;
   /// Its domain, with results kept near the media.
   SweepDomain near(const Bundle& bundle) const;
   void sweep_sources(const Emission& source, size_t count);
   /// Sums of all bundles, near the media.
   void gather(Radiance& light) const;
+  /// @param kShared  shares_sums()
+  template <bool kShared>
+  void gather_sums(Radiance& light) const;
   /// Calls body(begin, end) for the nodes of each row near the media.
   template <class Body>
   void each_row(const Body& body) const {

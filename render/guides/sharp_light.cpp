@@ -5,6 +5,7 @@
 
 #include "base/math.h"
 #include "render/guides/attenuation.h"
+#include "render/guides/light_rim.h"
 #include "render/guides/lit_surface.h"
 
 namespace brume {
@@ -105,26 +106,27 @@ void add_lamp(const LightSolve& solve, const KnownLight& light, size_t node, con
 
 /// What a surface reflects of a light by points of it: few, or more where parts of it are hidden.
 Lit lamp_onto(const KnownLight& lamp, const LitSurfaces& surfaces, const dvec3& p, const dvec3& normal) {
-  const auto by_points = [&](int across) {
-    Lit sum;
-    std::optional<dvec3> first;
-    bool alike = true;
-    for (int i = 0; i < across * across; ++i) {
-      const LightSample s =
-          base_of(lamp).sample(p, (dvec2(i % across, i / across) + 0.5) / static_cast<double>(across));
-      const double cosine = glm::dot(s.wi, normal);
-      if (!(s.pdf > 0) || !(cosine > 0) || s.radiance == dvec3(0)) continue;
-      const dvec3 open = surfaces.surfaces->passage({p, s.wi}, std::min(s.distance, kFar)).light;
-      if (!first) first = open;
-      alike = alike && open == *first;
-      if (open == dvec3(0)) continue;
-      sum.add(cosine / (kPi * s.pdf * across * across) * s.radiance * open, surfaces.shares(p, s.wi, s.distance));
-    }
-    return std::pair(sum, alike);
+  constexpr int kFewAcross = 2;
+  const bool wide = has_extent(lamp);
+  const auto shines = [&](const LightSample& s) {
+    return s.pdf > 0 && glm::dot(s.wi, normal) > 0 && s.radiance != dvec3(0);
   };
-  if (!has_extent(lamp)) return by_points(1).first;
-  const auto [few, alike] = by_points(2);
-  return alike ? few : by_points(4).first;
+  bool any = !wide;
+  for (int i = 0; i < kRimPoints && !any; ++i) any = shines(at_rim(lamp, p, i));
+  if (!any) return {};
+  const std::optional<dvec3> alike = wide ? left_alike(lamp, *surfaces.surfaces, p) : std::nullopt;
+  if (alike == dvec3(0)) return {};
+  const int across = !wide ? 1 : alike ? kFewAcross : kPenumbraAcross;
+  Lit sum;
+  for (int i = 0; i < across * across; ++i) {
+    const LightSample s = base_of(lamp).sample(p, (dvec2(i % across, i / across) + 0.5) / static_cast<double>(across));
+    if (!shines(s)) continue;
+    const dvec3 open = alike ? *alike : surfaces.surfaces->passage({p, s.wi}, std::min(s.distance, kFar)).light;
+    if (open == dvec3(0)) continue;
+    sum.add(glm::dot(s.wi, normal) / (kPi * s.pdf * across * across) * s.radiance * open,
+            surfaces.shares(p, s.wi, s.distance));
+  }
+  return sum;
 }
 
 }  // namespace

@@ -15,7 +15,7 @@ namespace {
 
 constexpr int kProbesAcross[] = {32, 24, 20, 16, 12, 8};  // the longest side, as many as there may be
 constexpr size_t kMostProbes = 3000;
-constexpr int kPointRays = 64, kProbeRays = 96;
+constexpr int kPointRays = 48, kProbeRays = 72;
 constexpr int kMostPanes = 8;         // of glass that a ray goes through, or mirrors that turn it
 constexpr size_t kBrightRays = 32;    // from each observer
 constexpr double kBright = 4;         // of the mean radiance that observers see of surfaces

@@ -80,11 +80,12 @@ struct Beam {
 class Sweep {
  public:
   Sweep(const SweepDomain& domain, const SweepMedia& media, std::span<const SweepBeam> beams,
-        const std::array<float*, 4>& moments)
+        const std::array<float*, 4>& moments, bool adds)
       : domain_(domain),
         media_(media),
         beams_(beams),
         moments_(moments),
+        adds_(adds),
         along_(std::abs(beams[0].direction[0]) >= std::abs(beams[0].direction[1]) ? 0 : 1),
         sign_(beams[0].direction[along_] > 0 ? 1 : -1) {
     const size_t plane = static_cast<size_t>(domain.n[1 - along_]) * domain.row;
@@ -180,7 +181,10 @@ class Sweep {
         for (size_t i = 0; i < 4; ++i) sum[i] = sum[i] + b.factor[i] * light;
       }
       if (moments_[0] && z >= kept.begin && z < kept.end)
-        for (size_t i = 0; i < 4; ++i) hn::StoreU(sum[i], d, moments_[i] + row + z);
+        for (size_t i = 0; i < 4; ++i) {
+          float* const to = moments_[i] + row + z;
+          hn::StoreU(adds_ ? hn::LoadU(d, to) + sum[i] : sum[i], d, to);
+        }
     }
   }
 
@@ -188,6 +192,7 @@ class Sweep {
   const SweepMedia& media_;
   const std::span<const SweepBeam> beams_;
   const std::array<float*, 4>& moments_;
+  const bool adds_;
   const size_t along_;  // the axis that planes follow one another on
   const int sign_;
   std::vector<Beam> state_;
@@ -196,8 +201,8 @@ class Sweep {
 };
 
 void SweepLattice(const SweepDomain& domain, const SweepMedia& media, std::span<const SweepBeam> beams,
-                  const std::array<float*, 4>& moments) {
-  Sweep(domain, media, beams, moments).run();
+                  const std::array<float*, 4>& moments, bool adds) {
+  Sweep(domain, media, beams, moments, adds).run();
 }
 
 }  // namespace brume::HWY_NAMESPACE
@@ -209,8 +214,8 @@ namespace brume {
 HWY_EXPORT(SweepLattice);
 
 void sweep(const SweepDomain& domain, const SweepMedia& media, std::span<const SweepBeam> beams,
-           const std::array<float*, 4>& moments) {
-  if (!beams.empty()) HWY_DYNAMIC_DISPATCH(SweepLattice)(domain, media, beams, moments);
+           const std::array<float*, 4>& moments, bool adds) {
+  if (!beams.empty()) HWY_DYNAMIC_DISPATCH(SweepLattice)(domain, media, beams, moments, adds);
 }
 
 }  // namespace brume

@@ -42,9 +42,10 @@ struct SweepMedia {
 ///
 /// @param beams    of their components the same one of the first two must be the largest, of the same sign
 /// @param moments  null, or for each i the sum over the beams of factor[i] times radiance, of domain.size() floats
+/// @param adds     moments are added to what is there
 /// Results are written where they are wanted, but for the border: the first plane and the last, first row and last.
 /// Source: Kunasz, Auer 1988, Short characteristic integration of radiative transfer problems.
 void sweep(const SweepDomain& domain, const SweepMedia& media, std::span<const SweepBeam> beams,
-           const std::array<float*, 4>& moments);
+           const std::array<float*, 4>& moments, bool adds = false);
 
 }  // namespace brume
