@@ -1,6 +1,7 @@
 #pragma once
 #include <algorithm>
 #include <cstddef>
+#include <filesystem>
 #include <memory>
 #include <optional>
 #include <span>
@@ -10,11 +11,14 @@
 
 namespace brume {
 
-/// A file without a name that lives in memory: what a child process writes into it, its parent maps without a copy.
+/// A file without a name that lives in memory, or on disk, from where the system reads what is not in memory: what a
+/// child process writes into it, its parent maps without a copy.
 class MemoryFile {
  public:
-  /// A new, empty one. @throws InputError when the system has none to give
+  /// A new, empty one in memory. @throws InputError when the system has none to give
   MemoryFile();
+  /// A new, empty one on disk, gone with the last process that has it. @throws InputError when none can be made there
+  explicit MemoryFile(const std::filesystem::path& folder);
   /// One that this process was handed: takes over the descriptor. @throws InputError when it is none
   explicit MemoryFile(int descriptor);
   ~MemoryFile();
@@ -22,6 +26,7 @@ class MemoryFile {
 
   /// Closed by programs that this one starts, unless it is handed over.
   int descriptor() const { return descriptor_; }
+  bool on_disk() const { return on_disk_; }
   size_t size() const { return size_; }
   /// Grows or cuts it; new bytes are 0. @throws InputError
   void resize(size_t size);
@@ -29,10 +34,14 @@ class MemoryFile {
   void update_size();
   /// Writes at its end, from a multiple of 64 bytes on. @return where   @throws InputError
   size_t append(std::span<const std::byte> bytes);
+  /// Gives the memory of whole pages within a stretch back: they read as 0 afterwards. Does nothing where the system
+  /// cannot.
+  void discard(size_t offset, size_t size);
 
  private:
   int descriptor_ = -1;
   size_t size_ = 0;
+  bool on_disk_ = false;
 };
 
 /// A stretch of a memory file in this process's address space, shared with all who map it.
@@ -47,6 +56,8 @@ class Mapping {
   size_t size() const { return size_; }
   /// The same stretch made longer or shorter; the file must be as long. It may move. @throws InputError
   void resize(size_t size);
+  /// Lets the system take the memory of what lies on disk: it is read again when it is looked at.
+  void release() const;
 
  private:
   std::byte* data_ = nullptr;

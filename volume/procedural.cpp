@@ -1,6 +1,7 @@
 #include "volume/procedural.h"
 
 #include <algorithm>
+#include <array>
 #include <cmath>
 #include <vector>
 
@@ -14,20 +15,46 @@ class Noise {
  public:
   explicit Noise(uint64_t seed) : seed_(mix64(seed)) {}
 
-  double operator()(const dvec3& p) const {
+  /// The slopes at the corners of the cube that was looked up last: neighbouring points share them.
+  struct Cube {
+    uint64_t seed = 0;
+    dvec3 base{0};
+    std::array<dvec3, 8> slopes;
+    bool known = false;
+  };
+
+  double operator()(const dvec3& p, Cube& cube) const {
     const dvec3 base = glm::floor(p), f = p - base;
+    if (!cube.known || cube.seed != seed_ || cube.base != base) {
+      cube = {seed_, base, {}, true};
+      for (int k = 0; k < 8; ++k) cube.slopes[static_cast<size_t>(k)] = slope(base + dvec3(k & 1, k >> 1 & 1, k >> 2));
+    }
     const dvec3 u = f * f * f * (f * (f * 6.0 - 15.0) + 10.0);
     double sum = 0;
     for (int k = 0; k < 8; ++k) {
       const dvec3 o(k & 1, k >> 1 & 1, k >> 2);
       const double w = (o.x > 0 ? u.x : 1 - u.x) * (o.y > 0 ? u.y : 1 - u.y) * (o.z > 0 ? u.z : 1 - u.z);
-      sum += w * glm::dot(slope(base + o), f - o);
+      sum += w * glm::dot(cube.slopes[static_cast<size_t>(k)], f - o);
     }
     return sum;
   }
   double fractal(dvec3 p, int octaves, double gain = 0.5) const {
-    double sum = 0, amplitude = 1;
-    for (int i = 0; i < octaves; ++i, amplitude *= gain, p = p * 2.03 + 17.0) sum += amplitude * (*this)(p);
+    return fractal(p, octaves, gain, [](double, double) { return false; });
+  }
+  /// @param enough  of a sum of octaves and of how much those that are missing add or take off at most: whether the sum
+  ///                of all is not needed any more
+  template <class Enough>
+  double fractal(dvec3 p, int octaves, double gain, const Enough& enough) const {
+    constexpr double kBound = 1.5;  // of an octave: three components of slopes, half a cube away
+    static thread_local std::array<Cube, 8> cubes;
+    double sum = 0, amplitude = 1, rest = 0;
+    for (int i = 0; i < octaves; ++i, amplitude *= gain) rest += kBound * amplitude;
+    amplitude = 1;
+    for (int i = 0; i < octaves; ++i, amplitude *= gain, p = p * 2.03 + 17.0) {
+      sum += amplitude * (*this)(p, cubes[static_cast<size_t>(i)]);
+      rest -= kBound * amplitude;
+      if (enough(sum, rest)) break;
+    }
     return sum;
   }
 
@@ -63,15 +90,30 @@ ProceduralVolume procedural_cloud(int resolution, uint64_t seed) {
   }
   const double voxel = 2.0 / resolution;
   const int half = resolution / 2, high = resolution * 3 / 8;
-  const auto density = [puffs, voxel, noise = Noise(seed)](const ivec3& v) {
-    const dvec3 p = dvec3(v) * voxel;
-    double inside = -1e9;  // signed distance to the union, positive inside
+  // Signed distance to the union of the spheres, positive inside, and what noise makes of it.
+  const auto inside_of = [puffs](const dvec3& p) {
+    double inside = -1e9;
     for (const Puff& puff : puffs) inside = std::max(inside, puff.radius - glm::distance(p, puff.centre));
-    if (inside < -0.15) return 0.0f;
-    inside += 0.16 * noise.fractal(p * 3.0, 6, 0.55);
-    return static_cast<float>(smooth(0.0, 0.06, inside) * smooth(-0.36, -0.28, p.z));
+    return inside;
   };
-  return {{{-half, -half, -high}, {half, half, high}}, voxel, density};
+  constexpr double kRough = 0.16, kFarthest = 0.15, kRim = 0.06;
+  const auto density = [inside_of, voxel, noise = Noise(seed)](const ivec3& v) {
+    const dvec3 p = dvec3(v) * voxel;
+    const double smoothly = inside_of(p);
+    if (smoothly < -kFarthest) return 0.0f;
+    // Deep inside and far outside the small octaves change nothing.
+    const auto decided = [&](double sum, double rest) {
+      const double so_far = smoothly + kRough * sum, most = kRough * rest + 1e-6;
+      return so_far + most < 0 || so_far - most > kRim;
+    };
+    const double inside = smoothly + kRough * noise.fractal(p * 3.0, 6, 0.55, decided);
+    return static_cast<float>(smooth(0.0, kRim, inside) * smooth(-0.36, -0.28, p.z));
+  };
+  const auto is_zero = [inside_of, voxel](const VoxelBox& box) {
+    const dvec3 lo = dvec3(box.lo) * voxel, hi = dvec3(box.hi) * voxel;
+    return inside_of(0.5 * (lo + hi)) + 0.5 * glm::distance(lo, hi) + 1e-6 < -kFarthest;
+  };
+  return {{{-half, -half, -high}, {half, half, high}}, voxel, density, is_zero};
 }
 
 ProceduralVolume procedural_smoke(int resolution, uint64_t seed) {
@@ -92,7 +134,7 @@ ProceduralVolume procedural_smoke(int resolution, uint64_t seed) {
     const double value = body * torn / (0.5 + h);
     return value < 1e-3 ? 0.0f : static_cast<float>(value);
   };
-  return {{{-wide, -wide, -half}, {wide, wide, half}}, voxel, density};
+  return {{{-wide, -wide, -half}, {wide, wide, half}}, voxel, density, {}};
 }
 
 }  // namespace brume

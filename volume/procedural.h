@@ -11,6 +11,7 @@ struct ProceduralVolume {
   VoxelBox box;
   double voxel_size;  ///< the longest side of the box is about 2 world units
   std::function<float(const ivec3&)> density;
+  std::function<bool(const VoxelBox&)> is_zero;  ///< whether a box is known to hold nothing; null: no box is
 };
 
 /// A cumulus: overlapping spheres on a flat base, their surface displaced by fractal noise.

@@ -23,7 +23,7 @@ struct VdbRequest {
   enum class Kind : uint8_t { kInfo, kContents, kScalar, kColour, kVelocity, kHalve, kWrite };
   Kind kind = Kind::kInfo;
   std::string path = {};
-  ScalarOptions options = {};                    ///< of a scalar field
+  ScalarOptions options = {};                    ///< of a scalar field; paging: as the file is that both share
   std::string grid = {};                         ///< of the other kinds
   double scale = 1;                              ///< a voxel's size where one is written
   std::string output = {};                       ///< of halving
@@ -42,7 +42,7 @@ enum class VdbOutcome : uint64_t { kAnswered, kRefused, kNoSuchGrid, kOutOfMemor
 constexpr int kReaderOutOfMemory = 12;
 
 /// To be raised whenever what travels changes: a reader of another version is refused instead of misunderstood.
-constexpr uint64_t kExchangeVersion = 3;
+constexpr uint64_t kExchangeVersion = 4;
 
 /// The beginning of the memory file.
 struct ExchangeHeader {
@@ -205,7 +205,7 @@ void describe(Archive& archive, VoxelBox& box) {
 }
 template <class Archive>
 void describe(Archive& archive, ScalarOptions& o) {
-  archive(o.grid, o.use, o.convert_level_set, o.remap, o.limit);
+  archive(o.grid, o.use, o.convert_level_set, o.remap, o.limit, o.paging);
 }
 template <class Archive>
 void describe(Archive& archive, VdbRequest& r) {

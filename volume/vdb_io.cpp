@@ -16,6 +16,7 @@
 #include "base/memory_file.h"
 #include "base/output_file.h"
 #include "base/parallel_for.h"
+#include "base/resident_limit.h"
 #include "base/text.h"
 #include "volume/displacement.h"
 #include "volume/vdb_exchange.h"
@@ -101,6 +102,42 @@ void run_reader(const VdbRequest& request, const MemoryFile& file, ExchangeHeade
   if (end.signal != 0 || end.status != 0) fail(request.path, fmt::format("{}: {}", failed, cause(end)));
 }
 
+/// All of a memory file. Of one on disk no more is held in memory than a part.
+std::shared_ptr<const Mapping> mapped(const MemoryFile& file) {
+  static constexpr size_t kMostResident = size_t{2} << 30;
+  if (!file.on_disk()) return std::make_shared<Mapping>(file, 0, file.size(), /*writable=*/false);
+  struct Paged {
+    Mapping mapping;
+    ResidentLimit limit;
+    explicit Paged(const MemoryFile& of)
+        : mapping(of, 0, of.size(), /*writable=*/false), limit(mapping, std::min(kMostResident, of.size() / 2)) {}
+  };
+  const auto paged = std::make_shared<const Paged>(file);
+  return {paged, &paged->mapping};
+}
+
+/// Where temporary files go: they may be larger than what is kept in memory, as /tmp often is.
+fs::path folder_of_pages() {
+  const char* const named = std::getenv("TMPDIR");
+  return named && *named ? named : "/var/tmp";
+}
+
+/// Whether a grid's values go into a file.
+bool is_paged(const fs::path& path, const ScalarOptions& options, const Task& task) {
+  constexpr double kMostInMemory = 2e9;
+  constexpr uint64_t kSmallFile = 1 << 26;  // one below unpacks to so much only where most values are shared
+  if (options.paging != Paging::kAuto) return options.paging == Paging::kAlways;
+  std::error_code error;
+  if (const uint64_t size = fs::file_size(path, error); error || size < kSmallFile) return false;
+  double bytes = 0;
+  for (const GridSummary& grid : read_vdb_contents(path, task).grids) {
+    if (!options.grid.empty() && grid.name != options.grid) continue;
+    if (const auto known = grid.metadata.find("file_mem_bytes"); known != grid.metadata.end())
+      bytes = std::max(bytes, std::strtod(known->second.c_str(), nullptr));
+  }
+  return bytes * BrickGrid::kBrick / 512 > kMostInMemory;
+}
+
 /// Has a file read by a process of its own, which a damaged one may crash, and takes over what that leaves in memory.
 /// @param file  begins with room for the header
 template <class Result>
@@ -119,8 +156,7 @@ Result ask(VdbRequest& request, MemoryFile& file, const Task& task) try {
   file.update_size();
   if (file.size() < sizeof(ExchangeHeader)) fail(request.path, "damaged: its reader left nothing");
   try {
-    Unpacker unpack(std::make_shared<Mapping>(file, 0, file.size(), /*writable=*/false), header.reply_offset,
-                    header.reply_size);
+    Unpacker unpack(mapped(file), header.reply_offset, header.reply_size);
     if (header.outcome != VdbOutcome::kAnswered) {
       std::string message;
       unpack(message);
@@ -167,7 +203,19 @@ VdbSummary read_vdb_contents(const fs::path& path, const Task& task) {
 ScalarField load_scalar(const fs::path& path, const ScalarOptions& options, const Task& task) {
   VdbRequest request{VdbRequest::Kind::kScalar, path.string()};
   request.options = options;
-  return ask<ScalarField>(request, task);
+  if (!is_paged(path, options, task)) {
+    request.options.paging = Paging::kNever;
+    return ask<ScalarField>(request, task);
+  }
+  request.options.paging = Paging::kAlways;
+  const fs::path folder = folder_of_pages();
+  MemoryFile file(folder);
+  file.resize(sizeof(ExchangeHeader));
+  auto field = ask<ScalarField>(request, file, task);
+  field.notes.push_back(fmt::format("grid '{}': its values, {:.2f} GB, are paged from a temporary file in {}",
+                                    field.summary.name, static_cast<double>(field.bricks.bytes()) / 1e9,
+                                    folder.string()));
+  return field;
 }
 
 VectorField load_colour(const fs::path& path, const std::string& grid, const Task& task) {
@@ -195,7 +243,8 @@ Displacement load_displacement(const fs::path& path, const std::string& grid, co
 }
 
 void write_density(const fs::path& path, const VoxelBox& box, double voxel_size,
-                   const std::function<float(const ivec3&)>& sample, bool half, const Task& task) {
+                   const std::function<float(const ivec3&)>& sample, bool half, const Task& task,
+                   const std::function<bool(const VoxelBox&)>& is_zero) {
   constexpr int kLeaf = 8, kValues = kLeaf * kLeaf * kLeaf, kBatch = 4096;
   OutputFile output(path);
   MemoryFile file;
@@ -213,6 +262,10 @@ void write_density(const fs::path& path, const VoxelBox& box, double voxel_size,
     const int count = static_cast<int>(std::min<int64_t>(kBatch, total - begin));
     parallel_for(count, {task.threads, {}, task.cancel}, [&](int leaf) {
       const ivec3 corner = corner_of(begin + leaf);
+      if (is_zero && is_zero({corner, corner + (kLeaf - 1)})) {
+        std::fill_n(batch.begin() + static_cast<std::ptrdiff_t>(leaf) * kValues, kValues, 0.0f);
+        return;
+      }
       for (int i = 0; i < kValues; ++i) {
         const ivec3 v = corner + ivec3(i >> 6, i >> 3 & 7, i & 7);
         const bool inside = glm::all(glm::greaterThanEqual(v, box.lo)) && glm::all(glm::lessThanEqual(v, box.hi));

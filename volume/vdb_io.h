@@ -61,12 +61,21 @@ VdbSummary read_vdb_info(const std::filesystem::path& path, const Task& task = {
 /// read_vdb_info
 VdbSummary read_vdb_contents(const std::filesystem::path& path, const Task& task = {});
 
+/// Whether the values of a grid that is read lie in memory or in a temporary file, in the folder that TMPDIR names or in
+/// /var/tmp, of which the system holds in memory what is looked at. They are the same values.
+enum class Paging : uint8_t {
+  kAuto,    ///< in a file where they take more than 2 GB
+  kAlways,  ///< in a file
+  kNever    ///< in memory
+};
+
 struct ScalarOptions {
   std::string grid = {};  ///< empty: usual_grid() of `use`
   GridUse use = GridUse::kDensity;
   bool convert_level_set = false;                     ///< take a level set's inside as fog
   std::vector<std::pair<double, double>> remap = {};  ///< a curve through (stored, meant) that voxels go through
   double limit = 0;                                   ///< voxels above are taken as this, after remap; 0: none
+  Paging paging = Paging::kAuto;
 };
 
 /// A scalar field as the renderer walks it, and what was found on the way.
@@ -110,9 +119,11 @@ Displacement load_displacement(const std::filesystem::path& path, const std::str
                                const Task& task = {});
 
 /// Writes a fog volume "density" whose voxels sit at voxel_size * (i, j, k). @throws InputError
-/// @param sample  density at a voxel; values <= 0 are left inactive
+/// @param sample   density at a voxel; values <= 0 are left inactive
+/// @param is_zero  whether a box is known to hold nothing; null: each voxel is asked for
 void write_density(const std::filesystem::path& path, const VoxelBox& box, double voxel_size,
-                   const std::function<float(const ivec3&)>& sample, bool half, const Task& task = {});
+                   const std::function<float(const ivec3&)>& sample, bool half, const Task& task = {},
+                   const std::function<bool(const VoxelBox&)>& is_zero = {});
 
 /// Writes a copy of a grid at half the resolution, each voxel the mean of the 2 x 2 x 2 it replaces, saved as half.
 /// @return active voxels written   @throws InputError

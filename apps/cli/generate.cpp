@@ -22,7 +22,7 @@ void add_generate(CLI::App& app, Common& common, Commands& commands) {
   command("kind", o.kind, "cloud or smoke")->required()->check(CLI::IsMember({"cloud", "smoke"}));
   command("-o,--output", o.output, "VDB file to write; grid density, z up, about 2 units high or wide")->required();
   command("--resolution", o.resolution, "voxels along the longest side")
-      ->check(CLI::Range(8, 2048))
+      ->check(CLI::Range(8, 4096))
       ->capture_default_str();
   command("--seed", o.seed, "another seed, another volume")->capture_default_str();
   command("--half", o.half, "save 16-bit values");
@@ -32,7 +32,7 @@ void add_generate(CLI::App& app, Common& common, Commands& commands) {
     const ProceduralVolume v = chosen.kind == "cloud" ? procedural_cloud(chosen.resolution, chosen.seed)
                                                       : procedural_smoke(chosen.resolution, chosen.seed);
     write_density(chosen.output, v.box, v.voxel_size, v.density, chosen.half,
-                  make_task(common, "generate " + chosen.kind));
+                  make_task(common, "generate " + chosen.kind), v.is_zero);
     print(fmt::format("{}\n", chosen.output));
     return static_cast<int>(kDone);
   };

@@ -112,6 +112,7 @@ struct VolumeSettings {
   dmat4 object_to_world_end{0};  ///< all zero: the volume stands still
   dvec3 index_offset{0};
   bool convert_level_set = false;
+  std::string paging = "auto";
   std::string group;
   bool enabled = true;
   ArrayPlacement placement;

@@ -310,6 +310,10 @@ void describe(Visitor& v, VolumeSettings& s) {
      "added to voxel coordinates; 0.5 matches Blender Cycles, which samples half a voxel off"},
     s.index_offset);
   v({"convert_level_set", "", "fill a level set's inside with fog instead of refusing it"}, s.convert_level_set);
+  v({.key = "paging",
+     .help = "where the file's values lie while it is rendered: in memory (never), in a temporary file of which parts are in memory (always), or there where they take more than 2 GB (auto); the picture is the same",
+     .choices = {"auto", "always", "never"}},
+    s.paging);
   v(kGroup, s.group);
   v({"enabled", "", "false leaves it out of the scene"}, s.enabled);
 }

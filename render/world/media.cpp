@@ -288,6 +288,7 @@ class SceneMedia::Loader {
     options.convert_level_set = v_.convert_level_set;
     for (const auto& row : v_.remap) options.remap.emplace_back(row[0], row[1]);
     options.limit = v_.max_density;
+    options.paging = paging_of(v_);
     ScalarField& density = volume_->density;
     const bool unchanged =
         !options.convert_level_set && options.remap.empty() && !(options.limit > 0) && !v_.moment.later;

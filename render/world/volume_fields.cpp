@@ -58,7 +58,12 @@ const std::filesystem::path& file_of(const VolumeSettings& v, GridUse use) {
   return v.file;
 }
 
-ScalarField load_field(const std::filesystem::path& file, const std::string& name, GridUse use, const Task& task) {
+Paging paging_of(const VolumeSettings& v) {
+  return v.paging == "always" ? Paging::kAlways : v.paging == "never" ? Paging::kNever : Paging::kAuto;
+}
+
+ScalarField load_field(const VolumeSettings& v, const std::string& name, GridUse use, const Task& task) {
+  const std::filesystem::path& file = file_of(v, use);
   if (use == GridUse::kTemperature && name == kAuto)
     if (const std::string flame = grid_without_flames(file, task); !flame.empty()) {
       ScalarField none;
@@ -67,8 +72,9 @@ ScalarField load_field(const std::filesystem::path& file, const std::string& nam
           file.string(), flame));
       return none;
     }
-  return read_if_there<ScalarField>(name,
-                                    [&] { return load_scalar(file, {.grid = name_or_none(name), .use = use}, task); });
+  return read_if_there<ScalarField>(name, [&] {
+    return load_scalar(file, {.grid = name_or_none(name), .use = use, .paging = paging_of(v)}, task);
+  });
 }
 
 VectorField load_colour_field(const std::filesystem::path& file, const std::string& name, const Task& task) {
@@ -128,14 +134,14 @@ ScalarField VolumeFields::between(const ScalarField& first, const ScalarField& s
 
 ScalarField VolumeFields::temperature() {
   const auto of = [&](const VolumeSettings& v) {
-    return load_field(file_of(v, GridUse::kTemperature), v.temperature_grid, GridUse::kTemperature, task_);
+    return load_field(v, v.temperature_grid, GridUse::kTemperature, task_);
   };
   return v_.moment.later ? between(of(v_), of(*v_.moment.later)) : of(v_);
 }
 
 ScalarField VolumeFields::flame() {
   const auto of = [&](const VolumeSettings& v) {
-    return load_field(file_of(v, GridUse::kFlame), v.flame_grid, GridUse::kFlame, task_);
+    return load_field(v, v.flame_grid, GridUse::kFlame, task_);
   };
   return v_.moment.later ? between(of(v_), of(*v_.moment.later)) : of(v_);
 }

@@ -15,11 +15,14 @@ namespace brume {
 /// The file that one of a volume's fields is read from: its own, or the density's.
 const std::filesystem::path& file_of(const VolumeSettings& volume, GridUse use);
 
+/// Where a volume says that its files' values lie.
+Paging paging_of(const VolumeSettings& volume);
+
 /// A grid of a volume's file beside its density, as the scene names it. Where that leaves it open ("auto") and the file
 /// has none of the kind, an empty field with a note; so for a temperature in a file whose grid of flames is empty,
 /// where it is what lifts the smoke and nothing burns.
 /// @throws InputError: as load_scalar
-ScalarField load_field(const std::filesystem::path& file, const std::string& name, GridUse use, const Task& task);
+ScalarField load_field(const VolumeSettings& volume, const std::string& name, GridUse use, const Task& task);
 
 /// The same of a colour; without one its notes are all it holds.
 VectorField load_colour_field(const std::filesystem::path& file, const std::string& name, const Task& task);

@@ -11,6 +11,7 @@
 #include "base/text.h"
 #include "base/toml_text.h"
 #include "render/world/visible_density.h"
+#include "render/world/volume_fields.h"
 #include "render/world/volume_files.h"
 #include "render/world/volume_fire.h"
 
@@ -91,6 +92,7 @@ class Guess {
     ScalarOptions options{.grid = file.grid, .convert_level_set = volume.convert_level_set};
     for (const auto& row : volume.remap) options.remap.emplace_back(row[0], row[1]);
     options.limit = volume.max_density;
+    options.paging = paging_of(volume);
     Look& look = looks_.emplace_back();
     try {
       look.density = std::make_shared<const ScalarField>(load_scalar(file.path, options, task_));

@@ -26,7 +26,7 @@ void answer(Reading& reading, VdbRequest& request, Packer& pack) {
     case VdbRequest::Kind::kVelocity:
       return reply(read_velocity(reading, path, request.grid));
     case VdbRequest::Kind::kWrite:
-      return reply(write_leaves(request));
+      return reply(write_leaves(request, reading.memory));
     case VdbRequest::Kind::kHalve:
       return reply(halve(reading, path, request.grid, request.output, request.part));
   }

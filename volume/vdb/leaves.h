@@ -3,12 +3,39 @@
 
 #include <algorithm>
 #include <array>
+#include <atomic>
+#include <vector>
 
 #include "volume/brick_grid.h"
 
 // From OpenVDB's trees to bricks.
 
 namespace brume::vdb {
+
+/// The leaves of a tree whose values are read when they are looked at: each leaf's values are given back after all
+/// bricks that they are in have been made, so that only few of a large grid's are in memory at once.
+template <class Tree>
+class PassingLeaves {
+ public:
+  /// @param passing  false: all stay
+  PassingLeaves(Tree& tree, bool passing) {
+    if (!passing) return;
+    tree.getNodes(leaves_);
+    for (size_t i = 0; i < leaves_.size(); ++i) leaves_[i]->setTransientData(static_cast<openvdb::Index32>(i));
+    uses_ = std::vector<std::atomic<uint8_t>>(leaves_.size());
+  }
+  /// To be called once for each brick that a leaf's values have gone into.
+  void used(const typename Tree::LeafNodeType& leaf) const {
+    constexpr int kBricks = 8;  // a leaf's own, and those of whose aprons it is a part
+    if (uses_.empty() || ++uses_[leaf.transientData()] < kBricks) return;
+    typename Tree::LeafNodeType::Buffer none{openvdb::PartialCreate(), typename Tree::ValueType()};
+    leaves_[leaf.transientData()]->buffer().swap(none);
+  }
+
+ private:
+  std::vector<typename Tree::LeafNodeType*> leaves_;
+  mutable std::vector<std::atomic<uint8_t>> uses_;
+};
 
 inline ivec3 from(const openvdb::Coord& c) {
   return {c.x(), c.y(), c.z()};
@@ -68,6 +95,7 @@ class LeafRows {
     for (int k = 0; k < 8; ++k) {
       const openvdb::Coord at(lo.x + 8 * (k >> 2), lo.y + 8 * (k >> 1 & 1), lo.z + 8 * (k & 1));
       const auto* const leaf = accessor.probeConstLeaf(at);
+      node_[k] = leaf;
       leaf_[k] = leaf ? leaf->buffer().data() : nullptr;
       if (!leaf) tile_[k] = accessor.getValue(at);
     }
@@ -85,7 +113,14 @@ class LeafRows {
       }
   }
 
+  /// Tells the leaves that this brick is made.
+  void end(const PassingLeaves<Tree>& passing) const {
+    for (const auto* const node : node_)
+      if (node) passing.used(*node);
+  }
+
  private:
+  std::array<const typename Tree::LeafNodeType*, 8> node_;
   std::array<const Value*, 8> leaf_;
   std::array<Value, 8> tile_{};
 };

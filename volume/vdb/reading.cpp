@@ -98,8 +98,14 @@ ValueScan scan_active(const Grid& grid, const Task& task) {
   parallel_for(static_cast<int>(scans.size()), {task.threads, {}, task.cancel}, [&](int part) {
     const size_t first = static_cast<size_t>(part) * kAtOnce, end = std::min(leaves.size(), first + kAtOnce);
     ValueScan& scan = scans[static_cast<size_t>(part)];
+    const auto add = [&](const auto& leaf) {
+      for (auto value = leaf.cbeginValueOn(); value; ++value) scan.add(static_cast<double>(*value));
+    };
     for (size_t i = first; i < end; ++i)
-      for (auto value = leaves[i]->cbeginValueOn(); value; ++value) scan.add(static_cast<double>(*value));
+      if (leaves[i]->isAllocated())
+        add(*leaves[i]);
+      else  // values that are read when they are looked at: those of a copy do not stay
+        add(typename Grid::TreeType::LeafNodeType(*leaves[i]));
   });
   ValueScan whole;
   for (const ValueScan& scan : scans) whole.add(scan);

@@ -84,8 +84,8 @@ VdbSummary read_summary(Reading& reading, const std::filesystem::path& path, boo
 ScalarField read_scalar(Reading& reading, const std::filesystem::path& path, const ScalarOptions& options);
 VectorField read_colour(Reading& reading, const std::filesystem::path& path, const std::string& wanted);
 StoredVelocity read_velocity(Reading& reading, const std::filesystem::path& path, const std::string& wanted);
-/// Writes the leaves that a request brings. @return active voxels
-uint64_t write_leaves(const VdbRequest& request);
+/// Writes the leaves that a request brings, and gives their memory back on the way. @return active voxels
+uint64_t write_leaves(const VdbRequest& request, MemoryFile& memory);
 uint64_t halve(Reading& reading, const std::filesystem::path& path, const std::string& name,
                const std::filesystem::path& output, const std::filesystem::path& part);
 

@@ -20,7 +20,7 @@ using openvdb::Coord;
 using openvdb::CoordBBox;
 
 template <class Grid>
-void build_bricks(const Grid& grid, const ScalarOptions& options, ScalarField& field, Reading& reading) {
+void build_bricks(Grid& grid, const ScalarOptions& options, ScalarField& field, Reading& reading) {
   const CoordBBox box = grid.evalActiveVoxelBoundingBox();
   const GridSummary& s = field.summary;
   const DensityRule clean(options, s.maximum);
@@ -37,9 +37,12 @@ void build_bricks(const Grid& grid, const ScalarOptions& options, ScalarField& f
   using Value = typename Grid::ValueType;
   const bool as_stored = std::is_same_v<Value, float> && !clean.remaps();
   const float largest = clean.largest(), limit = clean.limit();
+  const PassingLeaves passing(grid.tree(), options.paging == Paging::kAlways);
   const auto sample = [&](const ivec3& lo, float* values) {
     std::array<Value, BrickGrid::kBrick> stored;
-    LeafRows<typename Grid::TreeType>(grid.getConstUnsafeAccessor(), lo).copy(stored.data());
+    const LeafRows<typename Grid::TreeType> rows(grid.getConstUnsafeAccessor(), lo);
+    rows.copy(stored.data());
+    rows.end(passing);
     if (as_stored)  // what clean() says, without branches
       std::transform(stored.begin(), stored.end(), values, [=](auto v) {
         const auto finite =
@@ -97,16 +100,23 @@ openvdb::GridBase::Ptr as_numbers(const openvdb::GridBase::Ptr& grid, std::vecto
 }
 
 /// Refuses a grid that this machine cannot hold, by what the file says of its size, before any of it is read.
-void check_memory(openvdb::io::File& file, const fs::path& path, const std::string& name) {
+void check_memory(openvdb::io::File& file, const fs::path& path, const std::string& name, bool paged) {
   const openvdb::GridBase::Ptr grid = file.readGridMetadata(name);
   const auto bytes = grid->getMetadata<openvdb::Int64Metadata>(openvdb::GridBase::META_FILE_MEM_BYTES);
-  if (!bytes) return;
+  if (!bytes || paged) return;
   // A brick for each leaf, and some at the rim.
   const double tree = static_cast<double>(bytes->value()), bricks = 1.1 * tree * BrickGrid::kBrick / 512;
   if (!(tree + bricks > physical_memory())) return;
   throw InputError(fmt::format(
       "{}: grid '{}' needs {:.1f} GB of memory to be read, {:.1f} GB of them to be rendered; this machine has {:.1f} GB. Expected a volume of fewer voxels: resample it, or crop it",
       path.string(), name, (tree + bricks) / 1e9, bricks / 1e9, physical_memory() / 1e9));
+}
+
+/// From now on the values of leaves are read when they are looked at, from the file itself.
+void reopen_for_passing(openvdb::io::File& file) {
+  file.close();
+  file.setCopyMaxBytes(0);
+  file.open(/*delayLoad=*/true);
 }
 
 }  // namespace
@@ -119,7 +129,9 @@ ScalarField read_scalar(Reading& reading, const fs::path& path, const ScalarOpti
     return field;
   }
   const std::string name = choose_grid(*file, path, options.grid, options.use, field.notes);
-  check_memory(*file, path, name);
+  const bool paged = options.paging == Paging::kAlways;
+  check_memory(*file, path, name, paged);
+  if (paged) reopen_for_passing(*file);
   openvdb::GridBase::Ptr grid = as_numbers(file->readGrid(name), field.notes);
   reading.limits.reset();
   field.summary = summarize(*grid, reading.task);

@@ -89,18 +89,23 @@ uint64_t halve(Reading& reading, const fs::path& path, const std::string& name, 
   return grid->activeVoxelCount();
 }
 
-uint64_t write_leaves(const VdbRequest& request) {
+uint64_t write_leaves(const VdbRequest& request, MemoryFile& memory) {
+  constexpr size_t kAtOnce = size_t{1} << 26;  // values
   initialize();
   auto grid = openvdb::FloatGrid::create(0.0f);
   grid->setName("density");
   grid->setGridClass(openvdb::GRID_FOG_VOLUME);
   grid->setSaveFloatAsHalf(request.half);
   grid->setTransform(openvdb::math::Transform::createLinearTransform(request.scale));
-  const float* values = request.leaf_values.data();
+  const float *values = request.leaf_values.data(), *kept = values;
   for (const VoxelPosition& corner : request.leaf_corners) {
     auto* const leaf = grid->tree().touchLeaf({corner[0], corner[1], corner[2]});
     for (openvdb::Index i = 0; i < openvdb::FloatTree::LeafNodeType::SIZE; ++i, ++values)
       if (*values > 0) leaf->setValueOn(i, *values);
+    if (values - kept < static_cast<std::ptrdiff_t>(kAtOnce)) continue;
+    const size_t first = static_cast<size_t>(kept - request.leaf_values.data());
+    memory.discard(request.leaf_values.file_offset() + first * sizeof(float), kAtOnce * sizeof(float));
+    kept = values;
   }
   write_grid(request.path, request.part, grid);
   return grid->activeVoxelCount();
