@@ -63,8 +63,8 @@ void MemoryFile::resize(size_t size) {
   // A file that is written through a mapping must have its room on disk beforehand: later there is no error to be told.
   if (on_disk_ && size > size_)
     if (const int error = posix_fallocate(descriptor_, static_cast<off_t>(size_), static_cast<off_t>(size - size_)))
-      throw InputError(
-          fmt::format("no room for a temporary file of {:.1f} GB: {}", static_cast<double>(size) / 1e9, std::strerror(error)));
+      throw InputError(fmt::format("no room for a temporary file of {:.1f} GB: {}", static_cast<double>(size) / 1e9,
+                                   std::strerror(error)));
   if (ftruncate(descriptor_, static_cast<off_t>(size)) != 0) fail(size);
   size_ = size;
 }

@@ -61,8 +61,8 @@ VdbSummary read_vdb_info(const std::filesystem::path& path, const Task& task = {
 /// read_vdb_info
 VdbSummary read_vdb_contents(const std::filesystem::path& path, const Task& task = {});
 
-/// Whether the values of a grid that is read lie in memory or in a temporary file, in the folder that TMPDIR names or in
-/// /var/tmp, of which the system holds in memory what is looked at. They are the same values.
+/// Whether the values of a grid that is read lie in memory or in a temporary file, in the folder that TMPDIR names or
+/// in /var/tmp, of which the system holds in memory what is looked at. They are the same values.
 enum class Paging : uint8_t {
   kAuto,    ///< in a file where they take more than 2 GB
   kAlways,  ///< in a file

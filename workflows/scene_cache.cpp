@@ -40,8 +40,9 @@ void SceneCache::add_grids(VolumeSettings& v, const Task& task) {
     const std::filesystem::path& file = file_of(v, use);
     return known_or_read(fields_, {file, what, name}, [&] {
       ++counts_.read;
-      return std::make_shared<const ScalarField>(use == GridUse::kDensity ? load_scalar(file, {.grid = name, .paging = paging_of(v)}, task)
-                                                                          : load_field(v, name, use, task));
+      return std::make_shared<const ScalarField>(use == GridUse::kDensity
+                                                     ? load_scalar(file, {.grid = name, .paging = paging_of(v)}, task)
+                                                     : load_field(v, name, use, task));
     });
   };
   // What goes through a curve or a limit on its way does so in the file's own precision.

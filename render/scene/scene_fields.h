@@ -311,7 +311,8 @@ void describe(Visitor& v, VolumeSettings& s) {
     s.index_offset);
   v({"convert_level_set", "", "fill a level set's inside with fog instead of refusing it"}, s.convert_level_set);
   v({.key = "paging",
-     .help = "where the file's values lie while it is rendered: in memory (never), in a temporary file of which parts are in memory (always), or there where they take more than 2 GB (auto); the picture is the same",
+     .help =
+         "where the file's values lie while it is rendered: in memory (never), in a temporary file of which parts are in memory (always), or there where they take more than 2 GB (auto); the picture is the same",
      .choices = {"auto", "always", "never"}},
     s.paging);
   v(kGroup, s.group);

@@ -68,9 +68,9 @@ void check_render(const Parser&, const RenderSettings& r, const toml::value& tab
 /// A volume of arrays: what they are stands for the keys that name a file's grids. @throws InputError
 void take_arrays(Parser& parser, VolumeSettings& v, const toml::value& table) {
   const VolumeGrids& grids = *v.grids;
-  for (const char* key : {"file", "grid", "albedo_grid", "albedo_file", "temperature_grid", "temperature_file",
-                          "flame_grid", "flame_file", "velocity_grid", "velocity_file", "convert_level_set", "paging",
-                          "time"})
+  for (const char* key :
+       {"file", "grid", "albedo_grid", "albedo_file", "temperature_grid", "temperature_file", "flame_grid",
+        "flame_file", "velocity_grid", "velocity_file", "convert_level_set", "paging", "time"})
     if (parser.has(key))
       fail_at(fmt::format("'{}' stands beside arrays", key), table.at(key),
               "remove one of the two: a volume is a file or arrays");

@@ -72,9 +72,8 @@ ScalarField load_field(const VolumeSettings& v, const std::string& name, GridUse
           file.string(), flame));
       return none;
     }
-  return read_if_there<ScalarField>(name, [&] {
-    return load_scalar(file, {.grid = name_or_none(name), .use = use, .paging = paging_of(v)}, task);
-  });
+  return read_if_there<ScalarField>(
+      name, [&] { return load_scalar(file, {.grid = name_or_none(name), .use = use, .paging = paging_of(v)}, task); });
 }
 
 VectorField load_colour_field(const std::filesystem::path& file, const std::string& name, const Task& task) {
@@ -140,9 +139,7 @@ ScalarField VolumeFields::temperature() {
 }
 
 ScalarField VolumeFields::flame() {
-  const auto of = [&](const VolumeSettings& v) {
-    return load_field(v, v.flame_grid, GridUse::kFlame, task_);
-  };
+  const auto of = [&](const VolumeSettings& v) { return load_field(v, v.flame_grid, GridUse::kFlame, task_); };
   return v_.moment.later ? between(of(v_), of(*v_.moment.later)) : of(v_);
 }
 
