@@ -13,8 +13,8 @@ std::optional<double> memory_of(const std::string& process, std::string_view nam
 
 /// To the system, what allocators keep for later: some hundred megabytes after much work on large pictures.
 void give_back_freed_memory();
-/// Whether filters hold so much for a picture of so many pixels, some hundred bytes for each, that what is kept small or
-/// given back meanwhile is worth its time.
+/// Whether filters hold so much for a picture of so many pixels, some hundred bytes for each, that what is kept small
+/// or given back meanwhile is worth its time.
 bool saves_memory(size_t pixels);
 /// For programs of our own, before they have threads: filters make and drop many planes of megabytes, for each of which
 /// the system would clear fresh pages. What is freed is kept for the next ones, in large pages where there are some.

@@ -4,8 +4,8 @@
 
 #include <algorithm>
 #include <bit>
-#include <cstddef>
 #include <cmath>
+#include <cstddef>
 #include <limits>
 
 #include "base/error.h"
@@ -28,8 +28,8 @@ constexpr size_t kOwnValues = sizeof(PathSample) / sizeof(double);  // what foll
 
 constexpr size_t kTransmitted = offsetof(PathSample, transmitted) / sizeof(double);
 
-// Every value of a frame: the beauty, direct and indirect whose stored sum it is, what alpha is short of 1, what is asked
-// for.
+// Every value of a frame: the beauty, direct and indirect whose stored sum it is, what alpha is short of 1, what is
+// asked for.
 std::vector<size_t> value_offsets(const LayerRequest& request) {
   std::vector<size_t> offsets;
   const auto add = [&](const LayerName& name) {

@@ -2,6 +2,7 @@
 
 #include <gtest/gtest.h>
 
+#include <algorithm>
 #include <cmath>
 
 #include "base/error.h"
@@ -29,6 +30,21 @@ TEST(Renderer, TheSameBitsForAnyNumberOfThreads) {
     EXPECT_NE(one.layers.at("R")(20, 15), scene.render(6, 4, {}).layers.at("R")(20, 15))
         << "another seed, the same noise";
   }
+}
+
+TEST(Renderer, PagedVolumesAreTheSamePicture) {
+  Scene scene = small_scene();
+  scene.volumes[0].paging = "never";
+  const PreparedScene in_memory(scene, {});
+  scene.volumes[0].paging = "always";
+  const PreparedScene paged(scene, {});
+  test::expect_same_bits(in_memory.render(6, 3, {}).layers, paged.render(6, 3, {}).layers);
+  const auto said = [](const PreparedScene& prepared) {
+    return std::any_of(prepared.notes().begin(), prepared.notes().end(),
+                       [](const std::string& note) { return note.find("are paged from") != std::string::npos; });
+  };
+  EXPECT_TRUE(said(paged));
+  EXPECT_FALSE(said(in_memory));
 }
 
 TEST(Renderer, LayersAddUpExactly) {
