@@ -275,7 +275,13 @@ TEST(ViewServer, ASlowPageNeitherSlowsNorFillsAnything) {
   }
   Page quick(r);
   quick.send(look(1000));
-  EXPECT_EQ(quick.receive_until([](const json& m) { return m["type"] == "picture" && m["full"] == true; })["id"], 1000);
+  const auto is_complete = [](const json& m) { return m["type"] == "picture" && m["full"] == true; };
+  const json complete = quick.receive_until([&](const json& m) {
+    // On a busy machine looks of the slow page may still arrive after this one, and the last look is shown.
+    if (m["type"] == "progress" && m["stage"] == "elsewhere") quick.send(look(1000));
+    return is_complete(m);
+  });
+  EXPECT_EQ(complete["id"], 1000);
   // What reaches the slow one then is the newest.
   slow.send(look(2000));
   slow.receive_until([](const json& m) { return m["type"] == "picture" && m["id"] == 2000; });
