@@ -21,8 +21,16 @@ dmat3 white_relative_xyz() {
 
 }  // namespace
 
+const dmat3& xyz_from_rec709() {
+  static const dmat3 matrix = white_relative_xyz();
+  return matrix;
+}
+
 dvec3 lab_from_rgb(const dvec3& rgb) {
-  static const dmat3 xyz_from_rgb = white_relative_xyz();
+  return lab_from_rgb(rgb, xyz_from_rec709());
+}
+
+dvec3 lab_from_rgb(const dvec3& rgb, const dmat3& xyz_from_rgb) {
   const dvec3 xyz = xyz_from_rgb * rgb;
   const double fx = forward(xyz.x), fy = forward(xyz.y), fz = forward(xyz.z);
   return {116.0 * fy - 16.0, 500.0 * (fx - fy), 200.0 * (fy - fz)};

@@ -6,6 +6,11 @@ namespace brume {
 /// Linear Rec. 709 to CIE-Lab, white point D65, not clipped: the cube root goes on above 1 and the linear toe below 0,
 /// so the map has an inverse. White is (100, 0, 0). Source: CIE 15; matrices and constants of IEC 61966-2-1.
 dvec3 lab_from_rgb(const dvec3& rgb);
+/// The same of another linear RGB, whose white is (100, 0, 0) then.
+/// @param xyz_from_rgb  to X / Xn, Y, Z / Zn
+dvec3 lab_from_rgb(const dvec3& rgb, const dmat3& xyz_from_rgb);
+/// Linear Rec. 709 to X / Xn, Y, Z / Zn.
+const dmat3& xyz_from_rec709();
 
 /// The sRGB transfer curve of a linear value, clipped to [0, 1].
 double srgb_encode(double linear);

@@ -169,10 +169,10 @@ Layers Cleaner::clean(Layers frame, bool parts) {
   error_ = -1;
   if (estimates_error()) {
     const Plane& error = all.at(layer::clean_error.channel(0));
-    const RgbPlanes rgb = all.rgb(layer::beauty);
+    const Plane light = luminance_of(all.rgb(layer::beauty), FrameSpace(all), host_.silent());
     double sum = 0;
     for (int y = 0; y < error.height(); ++y)
-      for (int x = 0; x < error.width(); ++x) sum += relative_square(error(x, y), rgb, x, y);
+      for (int x = 0; x < error.width(); ++x) sum += relative_square(error(x, y), light(x, y));
     error_ = std::sqrt(sum / (static_cast<double>(error.width()) * error.height()));
     all.header["estimatedCleanError"] = static_cast<float>(error_);
   }
@@ -185,8 +185,8 @@ void Cleaner::clean_lights_of_picture() {
   seconds_ += watch.seconds();
 }
 
-double Cleaner::relative_square(double error, const RgbPlanes& rgb, int x, int y) const {
-  const double mean = luminance(vec3((*rgb[0])(x, y), (*rgb[1])(x, y), (*rgb[2])(x, y))) * exposure_;
+double Cleaner::relative_square(double error, double luminance) const {
+  const double mean = luminance * exposure_;
   return error * error * exposure_ * exposure_ / (mean * mean + 0.01);
 }
 
@@ -220,7 +220,7 @@ NextRound Cleaner::next_round(const RenderRound& round, double target) {
   growth = std::min(growth, round.most_growth);
   if (!(growth > 1)) return {};
 
-  const RgbPlanes rgb = all.rgb(layer::beauty);
+  const Plane light = luminance_of(all.rgb(layer::beauty), FrameSpace(all), host_.silent());
   const Plane* const error = known ? all.find(layer::clean_error.channel(0)) : nullptr;
   const Plane* const map = all.find(layer::sampling_map.channel(0));
   for (size_t t = 0; t < tiles; ++t) {
@@ -228,7 +228,7 @@ NextRound Cleaner::next_round(const RenderRound& round, double target) {
     double sum = 0;
     for (int y = b.y0; y < b.y1; ++y)
       for (int x = b.x0; x < b.x1; ++x)
-        sum += error ? relative_square((*error)(x, y), rgb, x, y) : map ? (*map)(x, y) : 1.0;
+        sum += error ? relative_square((*error)(x, y), light(x, y)) : map ? (*map)(x, y) : 1.0;
     // Minimises sum E_t (n_t / taken_t)^-decay at a given sum of n_t.
     wanted[t] = error ? std::pow(sum / pixels[t] * std::pow(taken[t], kDecay), 1 / (1 + kDecay)) : sum / pixels[t];
   }

@@ -49,7 +49,7 @@ class Cleaner {
 
  private:
   Layers clean(Layers frame, bool parts);
-  double relative_square(double error, const RgbPlanes& rgb, int x, int y) const;
+  double relative_square(double error, double luminance) const;
 
   FilterSettings filter_;
   double exposure_, error_ = -1, seconds_ = 0;

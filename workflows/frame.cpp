@@ -11,6 +11,7 @@
 #include "filters/regression/transport/guide_check.h"
 #include "image/exr_io.h"
 #include "image/foreign.h"
+#include "image/frame_space.h"
 #include "image/picture_io.h"
 #include "image/usable_colors.h"
 #include "render/session/render_state.h"
@@ -61,8 +62,13 @@ Layers read_frame(const ExrFile& file, const Host& host, const std::set<std::str
 std::string note_of_colors(const std::string& path, const std::map<std::string, Attribute>& header, bool guides) {
   const std::optional<Chromaticities> space = chromaticities_of(header);
   if (!space || name_of(*space) == name_of(kRec709)) return "";
-  return fmt::format("{}: its colours are {}: they stay so, and filters compare them as if they were Rec. 709{}", path,
-                     name_of(*space), guides ? "; guides are brought to them" : "");
+  try {
+    rec709_from(*space, path);
+  } catch (const InputError& none) {
+    return fmt::format("{}; filters take its colours for Rec. 709", none.what());
+  }
+  return fmt::format("{}: its colours are {}: they stay so{}", path, name_of(*space),
+                     guides ? "; guides are brought to them" : "");
 }
 
 Layers part_of(const Layers& frame, const std::set<std::string>& channels) {
@@ -183,10 +189,11 @@ double choose_exposure(const std::string& option, const Layers& frame) {
   if (option == "auto") {
     if (!frame.has(layer::beauty)) throw InputError("--exposure auto needs the channels R, G, B");
     const auto rgb = frame.rgb(layer::beauty);
+    const FrameSpace space(frame);
     std::vector<float> values;
     for (int y = 0; y < frame.height(); ++y)
       for (int x = 0; x < frame.width(); ++x) {
-        const float v = luminance(vec3((*rgb[0])(x, y), (*rgb[1])(x, y), (*rgb[2])(x, y)));
+        const float v = space.luminance(vec3((*rgb[0])(x, y), (*rgb[1])(x, y), (*rgb[2])(x, y)));
         if (std::isfinite(v)) values.push_back(v);
       }
     if (values.empty()) return 1.0;

@@ -177,7 +177,8 @@ void add_fits(const Data& data, const SmoothFeatures& features, std::vector<Stor
 
 /// Errors count relative to brightness, as CIE-Lab sees them: of the whole picture, where the signal is a part of it.
 Plane weight_of_errors(const FilterFrame& frame, const Task& task) {
-  const Plane light = gaussian_blur(frame.whole ? *frame.whole : luminance_of(frame.signal, task), kLightWindow, task);
+  const Plane light =
+      gaussian_blur(frame.whole ? *frame.whole : luminance_of(frame.signal, frame.space, task), kLightWindow, task);
   double total = 0;
   for (int y = 0; y < light.height(); ++y)
     for (const float v : light.pixels(y)) total += std::abs(static_cast<double>(v));

@@ -18,8 +18,8 @@ constexpr double kAreaRatio = 4, kLoneRatio = 2, kAgreement = 3;
 constexpr double kMostChance = 0.01;                      // that two single samples meet in a pixel
 constexpr double kReturnWindow = 32, kMostReturn = 0.03;  // deviation [px]; share of the light there
 
-double luminance_at(const RgbPlanes& rgb, int x, int y) {
-  return luminance(dvec3(color_at(rgb, x, y)));
+double luminance_at(const RgbPlanes& rgb, const FrameSpace& space, int x, int y) {
+  return space.luminance(dvec3(color_at(rgb, x, y)));
 }
 
 /// Calls visit(x, y) for the pixels of a square around one, without it.
@@ -32,10 +32,10 @@ void for_each_around(int x, int y, int radius, int width, int height, const Visi
 }
 
 /// Mean of the surroundings without their brightest pixels.
-double surrounding_level(const RgbPlanes& mean, int x, int y, std::vector<double>& values) {
+double surrounding_level(const RgbPlanes& mean, const FrameSpace& space, int x, int y, std::vector<double>& values) {
   values.clear();
   for_each_around(x, y, kSurroundings, mean[0]->width(), mean[0]->height(),
-                  [&](int qx, int qy) { values.push_back(luminance_at(mean, qx, qy)); });
+                  [&](int qx, int qy) { values.push_back(luminance_at(mean, space, qx, qy)); });
   const size_t count = values.size() - static_cast<size_t>(kTrimmed * static_cast<double>(values.size()));
   if (count == 0) return 0;
   std::nth_element(values.begin(), values.begin() + static_cast<std::ptrdiff_t>(count - 1), values.end());
@@ -45,12 +45,12 @@ double surrounding_level(const RgbPlanes& mean, int x, int y, std::vector<double
 }
 
 /// Whether both halves show it, and not because each has a bright sample there by chance.
-bool both_show(const RgbPlanes& a, const RgbPlanes& b, double light, int x, int y) {
-  const double least = std::min(luminance_at(a, x, y), luminance_at(b, x, y));
+bool both_show(const RgbPlanes& a, const RgbPlanes& b, const FrameSpace& space, double light, int x, int y) {
+  const double least = std::min(luminance_at(a, space, x, y), luminance_at(b, space, x, y));
   if (!(kAgreement * least > light)) return false;
   int around = 0, in_one = 0;
   for_each_around(x, y, kSurroundings, a[0]->width(), a[0]->height(), [&](int qx, int qy) {
-    const double qa = luminance_at(a, qx, qy), qb = luminance_at(b, qx, qy);
+    const double qa = luminance_at(a, space, qx, qy), qb = luminance_at(b, space, qx, qy);
     ++around;
     in_one += std::max(qa, qb) > least && kAgreement * std::min(qa, qb) < std::max(qa, qb);
   });
@@ -122,6 +122,7 @@ bool meet_by_chance(int in_one, int pixels) {
 
 std::vector<Extreme> find_extremes(const Layers& frame, const LayerName& signal, const Task& task) {
   const RgbPlanes mean = frame.rgb(signal);
+  const FrameSpace space(frame);
   const int width = frame.width(), height = frame.height();
   const double typical = typical_luminance(mean);
   if (!(typical > 0)) return {};
@@ -137,22 +138,22 @@ std::vector<Extreme> find_extremes(const Layers& frame, const LayerName& signal,
   for_each_row(height, quiet(task), [&](int y) {
     std::vector<double> values;
     for (int x = 0; x < width; ++x) {
-      const double light = luminance_at(mean, x, y);
+      const double light = luminance_at(mean, space, x, y);
       const double n = counts ? static_cast<double>((*counts)(x, y)) : samples;
       const double ratio = std::max(kLeastRatio, kRatioOfOneSample / std::sqrt(std::max(1.0, n)));
       if (!(light > ratio * typical)) continue;
       int around = 0, like_it = 0;
       double brightest = 0;
       for_each_around(x, y, kArea, width, height, [&](int qx, int qy) {
-        const double other = luminance_at(mean, qx, qy);
+        const double other = luminance_at(mean, space, qx, qy);
         brightest = std::max(brightest, other);
         like_it += kAreaRatio * other > light;
         ++around;
       });
       if (2 * like_it >= around) continue;
-      const double level = surrounding_level(mean, x, y, values);
+      const double level = surrounding_level(mean, space, x, y, values);
       if (!(light > ratio * (level + typical))) continue;
-      const bool kept = halves ? both_show(a, b, light, x, y) : kLoneRatio * brightest > light;
+      const bool kept = halves ? both_show(a, b, space, light, x, y) : kLoneRatio * brightest > light;
       rows[static_cast<size_t>(y)].push_back({x, y, level / light, kept});
     }
   });
@@ -193,8 +194,9 @@ Extremes limit_extremes(Layers& frame, const LayerName& signal, const std::vecto
           (*plane)(x, y) = scaled((*plane)(x, y), static_cast<double>(factor(x, y)), squared);
       });
   }
-  result.taken = luminance(taken);
-  result.lost = luminance(lost);
+  const FrameSpace space(frame);
+  result.taken = space.luminance(taken);
+  result.lost = space.luminance(lost);
   return result;
 }
 

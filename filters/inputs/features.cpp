@@ -75,19 +75,21 @@ Recipe per_scattered(std::string name, const LayerName& layer) {
 Recipe grey(std::string name, const LayerName& layer, bool complement) {
   const auto mean = [layer, complement](const Layers& frame, std::string_view which, const Task& task) {
     const RgbPlanes rgb = frame.rgb(layer, which);
+    const FrameSpace space(frame);
     Planes planes;
     planes.push_back(combine(*rgb[0], task, [&](int x, int y) {
-      const float m = luminance(color_at(rgb, x, y));
+      const float m = space.luminance(color_at(rgb, x, y));
       return complement ? 1.0f - m : m;
     }));
     return planes;
   };
   const auto variance = [layer](const Layers& frame, const Task& task) {
     const RgbPlanes v = frame.rgb(layer, statistic::mean_variance);
+    const FrameSpace space(frame);
     Planes planes;
     planes.push_back(combine(*v[0], task, [&](int x, int y) {
       const auto deviation = [&](size_t c) { return std::sqrt(std::max(0.0f, (*v[c])(x, y))); };
-      const float sum = luminance(vec3(deviation(0), deviation(1), deviation(2)));
+      const float sum = space.luminance(vec3(deviation(0), deviation(1), deviation(2)));
       return sum * sum;
     }));
     return planes;

@@ -4,6 +4,7 @@
 
 #include "filters/inputs/features.h"
 #include "filters/inputs/planes.h"
+#include "image/frame_space.h"
 #include "image/layers.h"
 #include "image/sample_records.h"
 
@@ -36,6 +37,7 @@ struct FilterFrame {
   bool all_guides = false;                      ///< it has the guides of its scene, which may be none
   ivec2 origin{0};                              ///< of this tile in the frame
   ivec2 frame_size{0};
+  FrameSpace space = FrameSpace(layers);  ///< of its colours
 
   bool carries() const { return values != signal; }
   /// How many samples a pixel's mean is made of; 0: unknown.

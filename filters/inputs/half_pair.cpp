@@ -17,10 +17,10 @@ void add_to(HalfPair& x, float factor, const HalfPair& y, const Task& task) {
   }
 }
 
-Plane brightness(const HalfPair& fit, const Task& task) {
+Plane brightness(const HalfPair& fit, const FrameSpace& space, const Task& task) {
   return make_plane(fit.a[0].width(), fit.a[0].height(), quiet(task), [&](int x, int y) {
     const auto at = [&](size_t c) { return 0.5f * (fit.a[c](x, y) + fit.b[c](x, y)); };
-    return luminance(vec3(at(0), at(1), at(2)));
+    return space.luminance(vec3(at(0), at(1), at(2)));
   });
 }
 

@@ -16,7 +16,7 @@ void add_to(Plane& x, float factor, const Plane& y, const Task& task);
 void add_to(HalfPair& x, float factor, const HalfPair& y, const Task& task);
 
 /// Luminance of the mean of both halves.
-Plane brightness(const HalfPair& fit, const Task& task);
+Plane brightness(const HalfPair& fit, const FrameSpace& space, const Task& task);
 
 Rgb mean(const HalfPair& fit, const Task& task);
 

@@ -98,7 +98,7 @@ Rgb variance_of_halves(const RgbPlanes& mean, const RgbPlanes& half_a, const Rgb
 }
 
 double lab_noise(const RgbPlanes& mean, const RgbPlanes& variance, const RgbPlanes& half_a, const RgbPlanes& half_b,
-                 double exposure, const Plane* medium) {
+                 double exposure, const Plane* medium, const FrameSpace& space) {
   constexpr int kBlock = 8, kFewest = 16;
   const int width = mean[0]->width(), height = mean[0]->height();
   const auto squared = [&](int x, int y) {
@@ -114,7 +114,8 @@ double lab_noise(const RgbPlanes& mean, const RgbPlanes& variance, const RgbPlan
         b[c] = m - s;
       }
     }
-    const dvec3 d = 0.5 * (lab_from_rgb(exposure * a) - lab_from_rgb(exposure * b));
+    const dvec3 d =
+        0.5 * (lab_from_rgb(exposure * a, space.xyz_from_rgb()) - lab_from_rgb(exposure * b, space.xyz_from_rgb()));
     return glm::dot(d, d);
   };
   std::vector<double> blocks;
@@ -154,16 +155,16 @@ double typical_luminance(const RgbPlanes& picture) {
   return *middle;
 }
 
-Plane limit_outliers(NoisySignal& signal, Outliers how, const Task& task) {
+Plane limit_outliers(NoisySignal& signal, Outliers how, const FrameSpace& space, const Task& task) {
   const int width = signal.mean[0].width(), height = signal.mean[0].height();
   const auto grey = [&](const Rgb& rgb) {
     return make_plane(width, height, quiet(task),
-                      [&](int x, int y) { return luminance(vec3(rgb[0](x, y), rgb[1](x, y), rgb[2](x, y))); });
+                      [&](int x, int y) { return space.luminance(vec3(rgb[0](x, y), rgb[1](x, y), rgb[2](x, y))); });
   };
   const Plane light = grey(signal.mean);
   const Plane deviation = make_plane(width, height, quiet(task), [&](int x, int y) {
     const auto s = [&](size_t c) { return std::sqrt(std::max(0.0f, signal.variance[c](x, y))); };
-    return luminance(vec3(s(0), s(1), s(2)));
+    return space.luminance(vec3(s(0), s(1), s(2)));
   });
   Plane factor(width, height, 1.0f), removed(width, height);
   for_each_row(height, quiet(task), [&](int y) {
@@ -190,7 +191,7 @@ Plane limit_outliers(NoisySignal& signal, Outliers how, const Task& task) {
       if (!signal.buckets.empty()) {
         float largest = 0, sum = 0;
         for (const Rgb& bucket : signal.buckets) {
-          const float v = luminance(vec3(bucket[0](x, y), bucket[1](x, y), bucket[2](x, y)));
+          const float v = space.luminance(vec3(bucket[0](x, y), bucket[1](x, y), bucket[2](x, y)));
           largest = std::max(largest, v);
           sum += v;
         }

@@ -37,7 +37,7 @@ void lift_variance(Plane& variance, const Plane& mean, const Task& task);
 /// fireflies nor empty background decide.
 /// @param medium  pixels at 0 are left out; null: all count
 double lab_noise(const RgbPlanes& mean, const RgbPlanes& variance, const RgbPlanes& half_a, const RgbPlanes& half_b,
-                 double exposure, const Plane* medium);
+                 double exposure, const Plane* medium, const FrameSpace& space = {});
 
 /// The median of a picture's luminances above zero, with the weights of Xu and Pattanaik 2005; 0 where there is none.
 /// Of large pictures a grid of some ten thousand pixels is read. No single pixel moves it far.
@@ -61,7 +61,7 @@ struct NoisySignal {
 /// light (without buckets: wherever it is also beyond twice the 5 x 5 maximum of its other pixels); the colour's
 /// direction stays.
 /// @return  per pixel luminance removed
-Plane limit_outliers(NoisySignal& signal, Outliers how, const Task& task);
+Plane limit_outliers(NoisySignal& signal, Outliers how, const FrameSpace& space, const Task& task);
 
 /// How far the functions above look.
 inline constexpr int kNoiseReach = 32, kOutlierReach = 17;

@@ -60,9 +60,9 @@ bool any_above_0(const Plane& plane, const Box& box) {
   return false;
 }
 
-Plane luminance_of(const RgbPlanes& rgb, const Task& task) {
+Plane luminance_of(const RgbPlanes& rgb, const FrameSpace& space, const Task& task) {
   return make_plane(rgb[0]->width(), rgb[0]->height(), quiet(task),
-                    [&](int x, int y) { return luminance(color_at(rgb, x, y)); });
+                    [&](int x, int y) { return space.luminance(color_at(rgb, x, y)); });
 }
 
 double sum_of(const Plane& plane) {

@@ -6,6 +6,7 @@
 #include "base/progress.h"
 #include "base/vec.h"
 #include "filters/kernels/box.h"
+#include "image/frame_space.h"
 #include "image/layers.h"
 
 namespace brume {
@@ -52,7 +53,7 @@ Plane make_plane(int width, int height, const Task& task, const Function& value)
 inline vec3 color_at(const RgbPlanes& rgb, int x, int y) {
   return {(*rgb[0])(x, y), (*rgb[1])(x, y), (*rgb[2])(x, y)};
 }
-Plane luminance_of(const RgbPlanes& rgb, const Task& task);
+Plane luminance_of(const RgbPlanes& rgb, const FrameSpace& space, const Task& task);
 
 double sum_of(const Plane& plane);
 

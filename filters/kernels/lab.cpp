@@ -46,27 +46,27 @@ V backward(D d, V f) {
   return hn::IfThenElse(hn::Gt(f, hn::Set(d, 6.0f / 29.0f)), f * f * f, linear);
 }
 
-V product(D d, const double (&m)[3], V a, V b, V c) {
-  const auto k = [&](int i) { return hn::Set(d, static_cast<float>(m[i])); };
+V product(D d, const dmat3& m, int row, V a, V b, V c) {
+  const auto k = [&](int column) { return hn::Set(d, static_cast<float>(m[column][row])); };
   return hn::MulAdd(c, k(2), hn::MulAdd(b, k(1), a * k(0)));
 }
 
-void LabFromRgbRow(const std::array<const float*, 3>& rgb, float exposure, const std::array<float*, 3>& lab,
-                   int width) {
+void LabFromRgbRow(const std::array<const float*, 3>& rgb, float exposure, const dmat3& xyz_from_rgb,
+                   const std::array<float*, 3>& lab, int width) {
   const D d;
   const V e = hn::Set(d, exposure);
   for (int x = 0; x < width; x += static_cast<int>(hn::Lanes(d))) {
     const V r = hn::LoadU(d, rgb[0] + x) * e, g = hn::LoadU(d, rgb[1] + x) * e, b = hn::LoadU(d, rgb[2] + x) * e;
-    const V fx = forward(d, product(d, LabMatrices::xyz_from_rgb[0], r, g, b));
-    const V fy = forward(d, product(d, LabMatrices::xyz_from_rgb[1], r, g, b));
-    const V fz = forward(d, product(d, LabMatrices::xyz_from_rgb[2], r, g, b));
+    const V fx = forward(d, product(d, xyz_from_rgb, 0, r, g, b));
+    const V fy = forward(d, product(d, xyz_from_rgb, 1, r, g, b));
+    const V fz = forward(d, product(d, xyz_from_rgb, 2, r, g, b));
     hn::StoreU(hn::MulAdd(fy, hn::Set(d, 116.0f), hn::Set(d, -16.0f)), d, lab[0] + x);
     hn::StoreU((fx - fy) * hn::Set(d, 500.0f), d, lab[1] + x);
     hn::StoreU((fy - fz) * hn::Set(d, 200.0f), d, lab[2] + x);
   }
 }
 
-void RgbFromLabRow(const std::array<const float*, 3>& lab, float exposure, const double (&m)[3][3],
+void RgbFromLabRow(const std::array<const float*, 3>& lab, float exposure, const dmat3& m,
                    const std::array<float*, 3>& rgb, int width) {
   const D d;
   const V scale = hn::Set(d, 1.0f / exposure);
@@ -75,7 +75,7 @@ void RgbFromLabRow(const std::array<const float*, 3>& lab, float exposure, const
     const V fx = hn::MulAdd(hn::LoadU(d, lab[1] + x), hn::Set(d, 1.0f / 500.0f), fy);
     const V fz = hn::NegMulAdd(hn::LoadU(d, lab[2] + x), hn::Set(d, 1.0f / 200.0f), fy);
     const V X = backward(d, fx), Y = backward(d, fy), Z = backward(d, fz);
-    for (size_t c = 0; c < 3; ++c) hn::StoreU(product(d, m[c], X, Y, Z) * scale, d, rgb[c] + x);
+    for (int c = 0; c < 3; ++c) hn::StoreU(product(d, m, c, X, Y, Z) * scale, d, rgb[static_cast<size_t>(c)] + x);
   }
 }
 
@@ -88,25 +88,13 @@ HWY_EXPORT(LabFromRgbRow);
 HWY_EXPORT(RgbFromLabRow);
 
 void lab_from_rgb_row(const std::array<const float*, 3>& rgb, float exposure, const std::array<float*, 3>& lab,
-                      int width) {
-  HWY_DYNAMIC_DISPATCH(LabFromRgbRow)(rgb, exposure, lab, width);
+                      int width, const dmat3& xyz_from_rgb) {
+  HWY_DYNAMIC_DISPATCH(LabFromRgbRow)(rgb, exposure, xyz_from_rgb, lab, width);
 }
 
 void rgb_from_lab_row(const std::array<const float*, 3>& lab, float exposure, const std::array<float*, 3>& rgb,
-                      int width) {
-  struct Inverse {
-    double m[3][3];
-    Inverse() {
-      dmat3 forward;
-      for (int row = 0; row < 3; ++row)
-        for (int column = 0; column < 3; ++column) forward[column][row] = LabMatrices::xyz_from_rgb[row][column];
-      const dmat3 inverse = glm::inverse(forward);
-      for (int row = 0; row < 3; ++row)
-        for (int column = 0; column < 3; ++column) m[row][column] = inverse[column][row];
-    }
-  };
-  static const Inverse inverse;
-  HWY_DYNAMIC_DISPATCH(RgbFromLabRow)(lab, exposure, inverse.m, rgb, width);
+                      int width, const dmat3& xyz_from_rgb) {
+  HWY_DYNAMIC_DISPATCH(RgbFromLabRow)(lab, exposure, glm::inverse(xyz_from_rgb), rgb, width);
 }
 
 }  // namespace brume::kernels

@@ -70,7 +70,7 @@ void run(const ATrous& p, const FilterFrame& frame, const FilterOutput& out, con
           rgb[c] = values.channels[c].row(y);
           lab[c] = compared.channels[c].row(y);
         }
-        kernels::lab_from_rgb_row(rgb, static_cast<float>(frame.exposure), lab, width);
+        kernels::lab_from_rgb_row(rgb, static_cast<float>(frame.exposure), lab, width, frame.space.xyz_from_rgb());
         for (size_t c = 0; c < 3; ++c) {
           for (int x = 0; x < width; ++x) lab[c][x] *= spread / p.sigma_color;
           compared.channels[c].extend_row(y);

@@ -232,7 +232,7 @@ Rgb reference_picture(const SobelGuided& p, const FilterFrame& frame, const Smoo
   std::vector<Plane> misfit;
   for (const std::vector<Plane>& f : features.means()) {
     guided.push_back(guided_filter(frame.signal, pointers(f), kPrefilterRadius, p.epsilon, quiet(task)));
-    const Plane fit = luminance_of({&guided.back()[0], &guided.back()[1], &guided.back()[2]}, task);
+    const Plane fit = luminance_of({&guided.back()[0], &guided.back()[1], &guided.back()[2]}, frame.space, task);
     misfit.push_back(box_mean(
         make_plane(light.width(), light.height(), quiet(task),
                    [&](int x, int y) { return std::abs(fit(x, y) - light(x, y)) / (std::abs(light(x, y)) + dim); }),
@@ -295,10 +295,10 @@ void run(const SobelGuided& p, const FilterFrame& frame, const FilterOutput& out
   const SmoothFeatures features(p, *frame.features, gradient, task);
   task.report(0.05);
 
-  const Plane light = luminance_of(frame.signal, task);
+  const Plane light = luminance_of(frame.signal, frame.space, task);
   const Plane noise = make_plane(frame.width(), frame.height(), quiet(task), [&](int x, int y) {
     const auto s = [&](size_t c) { return std::sqrt((*frame.variance[c])(x, y)); };
-    const float sum = luminance(vec3(s(0), s(1), s(2)));
+    const float sum = frame.space.luminance(vec3(s(0), s(1), s(2)));
     return sum * sum;
   });
   const Plane trusted = p.spikes == Spikes::kKeep ? Plane() : trust(light, gradient, frame.exposure, task);
@@ -317,8 +317,8 @@ void run(const SobelGuided& p, const FilterFrame& frame, const FilterOutput& out
   if (out.products) {
     std::vector<const Plane*> noises;
     for (const Averages& a : candidates) noises.push_back(&a.noise);
-    (*out.products)[layer::sampling_map.channel(0)] =
-        sampling_need(luminance_of({out[0], out[1], out[2]}, task), light, blend(noises, maps, task), dark, task);
+    (*out.products)[layer::sampling_map.channel(0)] = sampling_need(
+        luminance_of({out[0], out[1], out[2]}, frame.space, task), light, blend(noises, maps, task), dark, task);
   }
   task.report(1);
 }

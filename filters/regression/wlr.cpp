@@ -47,10 +47,10 @@ class Regression {
       }
     const float exposure = static_cast<float>(frame.exposure);
     light_ = make_plane(frame.width(), frame.height(), quiet(task),
-                        [&](int x, int y) { return exposure * luminance(color_at(frame.signal, x, y)); });
+                        [&](int x, int y) { return exposure * frame.space.luminance(color_at(frame.signal, x, y)); });
     noise_ = make_plane(frame.width(), frame.height(), quiet(task), [&](int x, int y) {
       const auto s = [&](size_t c) { return std::sqrt((*frame.variance[c])(x, y)); };
-      const float sum = exposure * luminance(vec3(s(0), s(1), s(2)));
+      const float sum = exposure * frame.space.luminance(vec3(s(0), s(1), s(2)));
       return sum * sum;
     });
   }

@@ -157,10 +157,10 @@ std::vector<Plane> recognisable(const Layers& frame, const RgbPlanes& signal, bo
   std::vector<Plane> planes;
   if (guided) {
     planes.push_back(relative(frame.at(guide_layer::opacity.channel(0)), task));
-    planes.push_back(relative(luminance_of(frame.rgb(guide_layer::predicted_indirect), task), task));
+    planes.push_back(relative(luminance_of(frame.rgb(guide_layer::predicted_indirect), FrameSpace(frame), task), task));
     return planes;
   }
-  planes.push_back(relative(gaussian_blur(luminance_of(signal, task), kSmoothing, task), task));
+  planes.push_back(relative(gaussian_blur(luminance_of(signal, FrameSpace(frame), task), kSmoothing, task), task));
   return planes;
 }
 
@@ -180,12 +180,14 @@ Smoothed smoothed(const Plane& mean, const Plane& variance, const Task& task) {
 
 void forget_what_changed(const Layers& here, const Layers& there, const LayerName& signal, Alignment& alignment,
                          const Task& task) {
-  const Plane mean = luminance_of(here.rgb(signal), task),
-              variance = luminance_of(here.rgb(signal, statistic::mean_variance), task);
+  const FrameSpace space(here);
+  const auto variance_of = [&](const Layers& frame) {
+    return luminance_of(frame.rgb(signal, statistic::mean_variance), space, task);
+  };
+  const Plane mean = luminance_of(here.rgb(signal), space, task), variance = variance_of(here);
   const Smoothed own = smoothed(mean, variance, task);
-  const Smoothed other =
-      smoothed(alignment.bring(luminance_of(there.rgb(signal), task), mean, task),
-               alignment.bring(luminance_of(there.rgb(signal, statistic::mean_variance), task), variance, task), task);
+  const Smoothed other = smoothed(alignment.bring(luminance_of(there.rgb(signal), space, task), mean, task),
+                                  alignment.bring(variance_of(there), variance, task), task);
   for (int y = 0; y < mean.height(); ++y)
     for (int x = 0; x < mean.width(); ++x) {
       const float d = other.mean(x, y) - own.mean(x, y);

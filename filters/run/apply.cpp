@@ -15,10 +15,11 @@ namespace {
 
 double light_of(const Layers& layers, const std::vector<LayerName>& signals) {
   double light = 0;
+  const FrameSpace space(layers);
   for (const LayerName& name : signals) {
     const RgbPlanes p = layers.rgb(name);
     for (int y = 0; y < layers.height(); ++y)
-      for (int x = 0; x < layers.width(); ++x) light += luminance(color_at(p, x, y));
+      for (int x = 0; x < layers.width(); ++x) light += space.luminance(color_at(p, x, y));
   }
   return std::max(light, 1e-30);
 }
@@ -26,14 +27,15 @@ double light_of(const Layers& layers, const std::vector<LayerName>& signals) {
 double noise_level(const Layers& layers, const LayerName& signal, const ApplyOptions& options, const Plane* medium,
                    const Task& task) {
   const RgbPlanes mean = layers.rgb(signal);
+  const FrameSpace space(layers);
   if (options.noise == NoiseSource::kSpatial) {
     const Rgb variance = picture_variance(mean, task);
-    return lab_noise(mean, view(variance), {}, {}, options.exposure, medium);
+    return lab_noise(mean, view(variance), {}, {}, options.exposure, medium, space);
   }
   if (has_halves(layers, signal))
     return lab_noise(mean, {}, layers.rgb(signal, statistic::half_a), layers.rgb(signal, statistic::half_b),
-                     options.exposure, medium);
-  return lab_noise(mean, layers.rgb(signal, statistic::mean_variance), {}, {}, options.exposure, medium);
+                     options.exposure, medium, space);
+  return lab_noise(mean, layers.rgb(signal, statistic::mean_variance), {}, {}, options.exposure, medium, space);
 }
 
 void tell_extremes(const Source& source, ApplyReport& report) {

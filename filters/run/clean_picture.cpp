@@ -376,7 +376,7 @@ CleanPicture clean_picture(const FilterSettings& filter, const ForeignFrame& giv
   Plane light;
   if (!picture.passes.empty()) {
     const auto colors = planes(picture.color.channels);
-    light = luminance_of({colors[0], colors[1], colors[2]}, task);
+    light = luminance_of({colors[0], colors[1], colors[2]}, FrameSpace(file), task);
     bool half = type_of(info, picture.color.channels[0]) == "half";
     for (const ForeignSignal& pass : picture.passes) {
       parts.add(pass, file);

@@ -55,7 +55,7 @@ void read_signal(Signal& s, const Layers& layers, const LayerName& name, const R
   }
   for (RgbPlanes& bucket : s.buckets) s.own.buckets.push_back(copied(bucket));
   for (size_t i = 0; i < s.buckets.size(); ++i) s.buckets[i] = view(s.own.buckets[i]);
-  s.removed = limit_outliers(s.own, run.options.outliers, task);
+  s.removed = limit_outliers(s.own, run.options.outliers, FrameSpace(layers), task);
 }
 
 /// Everything that a filter is given of one frame, and what it points to.

@@ -40,7 +40,8 @@ LabWindow::LabWindow(const FilterFrame& frame, int radius, Average average, cons
   for_each_row(frame.height(), quiet(task), [&](int y) {
     const std::array<const float*, 3> signal = {frame.signal[0]->row(y), frame.signal[1]->row(y),
                                                 frame.signal[2]->row(y)};
-    kernels::lab_from_rgb_row(signal, static_cast<float>(frame.exposure), rows(lab_, y), frame.width());
+    kernels::lab_from_rgb_row(signal, static_cast<float>(frame.exposure), rows(lab_, y), frame.width(),
+                              frame.space.xyz_from_rgb());
     lab_.extend_row(y);
     if (average_ == Average::kLinear) {
       for (size_t c = 0; c < 3; ++c)
@@ -69,7 +70,7 @@ void LabWindow::use_result_as_guide(const Task& task) {
   for_each_row(frame_.height(), quiet(task), [&](int y) {
     if (average_ == Average::kLinear) {
       kernels::lab_from_rgb_row(rows(std::as_const(out_), y), static_cast<float>(frame_.exposure), rows(lab_, y),
-                                frame_.width());
+                                frame_.width(), frame_.space.xyz_from_rgb());
       lab_.extend_row(y);
     }
     out_.extend_row(y);
@@ -82,7 +83,7 @@ void LabWindow::finish(const FilterOutput& out, const Task& task) {
     const std::array<float*, 3> target = {out[0]->row(y), out[1]->row(y), out[2]->row(y)};
     if (average_ == Average::kDomain)
       kernels::rgb_from_lab_row(rows(std::as_const(out_), y), static_cast<float>(frame_.exposure), target,
-                                frame_.width());
+                                frame_.width(), frame_.space.xyz_from_rgb());
     else
       for (size_t c = 0; c < 3; ++c)
         std::memcpy(target[c], out_.channels[c].row(y), sizeof(float) * static_cast<size_t>(frame_.width()));

@@ -590,6 +590,14 @@ TEST_F(Frames, ColoursStayInTheSpaceOfTheirFile) {
   const Layers png = read_any_picture(path("clean.png")), plain_png = read_any_picture(path("plain.png"));
   for (int y = 0; y < kHeight; ++y)
     for (int x = 0; x < kWidth; ++x) ASSERT_NEAR(png.at("R")(x, y), plain_png.at("R")(x, y), 0.01);
+  // CIE-Lab is that of each file's colours.
+  for (const char* filter : {"bilateral", "extended_bilateral", "a_trous"}) {
+    for (const std::string& frame : {in, path("plain.exr")})
+      ASSERT_EQ(run_brume("denoise " + frame + " -o " + frame + "." + filter + ".exr -f " + filter).status, 0)
+          << filter;
+    const auto same = run_brume("compare " + in + "." + filter + ".exr " + path("plain.exr.") + filter + ".exr --json");
+    EXPECT_LT(nlohmann::json::parse(same.out)["metrics"]["lab_rms"].get<double>(), 1e-3) << filter;
+  }
   const auto compared = run_brume("compare " + in + " " + path("plain.exr") + " --json");
   ASSERT_EQ(compared.status, 0) << compared.err;
   EXPECT_TRUE(holds(compared.err, "shot.exr: its colours are ACEScg (AP1): compared in linear Rec. 709"))
@@ -597,6 +605,9 @@ TEST_F(Frames, ColoursStayInTheSpaceOfTheirFile) {
   EXPECT_LT(nlohmann::json::parse(compared.out)["metrics"]["lab_rms"].get<double>(), 1e-3);
   other.header["chromaticities"] = Chromaticities{};
   write_exr(path("none.exr"), other);
+  const auto cleaned = run_brume("denoise " + path("none.exr") + " -o " + path("none_clean.exr") + " -f gaussian");
+  EXPECT_EQ(cleaned.status, 0);
+  EXPECT_TRUE(holds(cleaned.err, "filters take its colours for Rec. 709")) << cleaned.err;
   const auto shown = run_brume("picture " + path("none.exr") + " -o " + path("none.png"));
   EXPECT_EQ(shown.status, 2);
   EXPECT_TRUE(holds(shown.err, "none.exr: chromaticities 0 0, 0 0")) << shown.err;

@@ -55,7 +55,7 @@ void weigh_by_fits(RegressionInputs& inputs, float power, const std::vector<Half
     RegressionInput& q = inputs[i];
     HalfPair found = data[i];
     add_to(found, -1, q.left, task);
-    q.level = box_mean(brightness(found, task), kLevelRadius, task);
+    q.level = box_mean(brightness(found, q.known.space, task), kLevelRadius, task);
     q.weigh_by(q.level, power, task);
     for (const Fit narrow : kNarrow) q.known[narrow].add(q.level);
   }

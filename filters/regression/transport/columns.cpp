@@ -124,7 +124,8 @@ void add_features_of(const Guide& guide, std::vector<Plane>& features, const Tas
 }
 
 /// What the guides that predict the light make of it; of guides that predict nothing, their light.
-Plane brightness_of(const std::vector<Guide>& guides, Signal signal, const Task& task, int width, int height) {
+Plane brightness_of(const std::vector<Guide>& guides, Signal signal, const FrameSpace& space, const Task& task,
+                    int width, int height) {
   const auto predicts = [&](const Guide& g) { return role_of(g, signal) == kExpected; };
   const bool predicted = std::any_of(guides.begin(), guides.end(), predicts);
   Plane bright(width, height);
@@ -135,7 +136,7 @@ Plane brightness_of(const std::vector<Guide>& guides, Signal signal, const Task&
     if (predicts(g))
       add([&](int x, int y) {
         const auto at = [&](size_t c) { return g.channels[c % g.channels.size()].plane()(x, y); };
-        return luminance(vec3(at(0), at(1), at(2)));
+        return space.luminance(vec3(at(0), at(1), at(2)));
       });
     if (!predicted &&
         (g.kind == GuideClass::kSingle || g.kind == GuideClass::kEmission || g.kind == GuideClass::kSurface))
@@ -181,7 +182,7 @@ void ColourColumns::scale_like(const ColourColumns& own) {
     }
 }
 
-TransportColumns::TransportColumns(const FilterFrame& frame, const Plane& one, const Task& task) {
+TransportColumns::TransportColumns(const FilterFrame& frame, const Plane& one, const Task& task) : space(frame.space) {
   const std::vector<Guide> guides = guides_of(frame.layers);
   const Signal signal = frame.name == layer::direct ? kDirect : frame.name == layer::indirect ? kIndirect : kWhole;
   const auto has = [&](GuideClass kind) {
@@ -222,7 +223,7 @@ TransportColumns::TransportColumns(const FilterFrame& frame, const Plane& one, c
         if (expected[c].empty()) expected[c] = Plane(frame.width(), frame.height());
         add_to(expected[c], 1, g.channels[c % g.channels.size()].plane(), task);
       }
-  bright = brightness_of(guides, signal, task, frame.width(), frame.height());
+  bright = brightness_of(guides, signal, space, task, frame.width(), frame.height());
   if (const auto normal = planes_of(guides, "normal"); !normal.empty())
     surfaces = SurfaceShares(normal, planes_of(guides, "surface_material"), task);
 

@@ -42,6 +42,7 @@ struct TransportColumns {
   size_t base = 0;              ///< the first columns of Fit::kAll: opacity, a constant, and what shines through
   Plane mask;                   ///< 1 where guides know anything, or the halves differ
   std::vector<Plane> features;  ///< what tells pixels apart, each at most 1
+  FrameSpace space;             ///< of the frame's colours
   Plane bright;                 ///< a first idea of the brightness
   Rgb expected;                 ///< the prediction of the signal; empty where there is none
   SurfaceShares surfaces;

@@ -27,13 +27,14 @@ struct Trials {
 
   Trials(const Layers& frame, const Task& task) : halves(has_halves(frame, layer::beauty)) {
     const int width = frame.width(), height = frame.height();
+    const FrameSpace space(frame);
     if (halves) {
-      a = luminance_of(frame.rgb(layer::beauty, statistic::half_a), task);
-      b = luminance_of(frame.rgb(layer::beauty, statistic::half_b), task);
+      a = luminance_of(frame.rgb(layer::beauty, statistic::half_a), space, task);
+      b = luminance_of(frame.rgb(layer::beauty, statistic::half_b), space, task);
       weight_a = weight_b = Plane(width, height, 1.0f);
       return;
     }
-    a = b = luminance_of(frame.rgb(layer::beauty), task);
+    a = b = luminance_of(frame.rgb(layer::beauty), space, task);
     weight_a = weight_b = Plane(width, height, kAlmostNothing);
     for (int y = 0; y < height; ++y)
       for (int x = 0; x < width; ++x) ((x + y) % 2 == 0 ? weight_a : weight_b)(x, y) = 1;
@@ -138,7 +139,8 @@ GuideCheck check_guides(const Layers& given, const Task& task) {
         });
     if (guide.coloured)
       guides.push_back(&made.emplace_back(
-          luminance_of({&guide.channels[0].plane(), &guide.channels[1].plane(), &guide.channels[2].plane()}, task)));
+          luminance_of({&guide.channels[0].plane(), &guide.channels[1].plane(), &guide.channels[2].plane()},
+                       FrameSpace(frame), task)));
     else
       for (const ChannelView& channel : guide.channels) guides.push_back(&channel.plane());
   }

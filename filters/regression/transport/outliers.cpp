@@ -29,8 +29,8 @@ struct Excess {
   float most;  ///< `limit` times the frame's deviation, of squares drawn in at what the last round found
 
   /// @param level  the fit's brightness
-  Excess(const RgbPlanes& half_a, const RgbPlanes& half_b, const Plane& level, const Plane& mask, double limit,
-         const Task& task) {
+  Excess(const RgbPlanes& half_a, const RgbPlanes& half_b, const Plane& level, const Plane& mask,
+         const FrameSpace& space, double limit, const Task& task) {
     const int width = level.width(), height = level.height();
     double sum = 0, count = std::max(1e-30, sum_of(mask));
     for (int y = 0; y < height; ++y)
@@ -40,7 +40,7 @@ struct Excess {
     const auto relative = [&](const RgbPlanes& half) {
       return make_plane(width, height, quiet(task), [&](int x, int y) {
         if (!(mask(x, y) > 0)) return 0.0f;
-        const float l = luminance(color_at(half, x, y));
+        const float l = space.luminance(color_at(half, x, y));
         return (l - level(x, y)) / (std::max(0.0f, level(x, y)) + floor);
       });
     };
@@ -92,9 +92,10 @@ ClampedHalves clamped(const RegressionInput& input, const HalfPair& first, doubl
   const RgbPlanes &a = input.half_a, &b = input.half_b;
   const Plane &mask = input.known.mask, &solid = input.known.surfaces.share;
   const bool halves = input.halves;
+  const FrameSpace& space = input.known.space;
   const Rgb fit = mean(first, task);
   const int width = mask.width(), height = mask.height();
-  const Excess excess(a, b, brightness(first, task), mask, limit, task);
+  const Excess excess(a, b, brightness(first, space, task), mask, space, limit, task);
   const float top = excess.most;
   const Plane square = make_plane(width, height, quiet(task), [&](int x, int y) {
     const float va = std::min(std::abs(excess.a(x, y)), top), vb = std::min(std::abs(excess.b(x, y)), top);

@@ -81,7 +81,7 @@ void improve(HalfPair& result, const std::vector<StoredPair>& candidates, const 
              const std::optional<HalfPair>& over_frames, const TransportColumns& known, bool few, const Task& task) {
   const int width = known.mask.width(), height = known.mask.height();
   // Relative errors, as CIE-Lab sees them.
-  const Plane light = gaussian_blur(brightness(result, task), kLightWindow, task);
+  const Plane light = gaussian_blur(brightness(result, known.space, task), kLightWindow, task);
   double sum = 0;
   for (int y = 0; y < height; ++y)
     for (int x = 0; x < width; ++x) sum += known.mask(x, y) * std::abs(static_cast<double>(light(x, y)));
