@@ -43,6 +43,8 @@ struct MarchedGrid {
   float tint[3];          ///< of light scattered once
   float seen;             ///< 1, of a holdout 0
   float gradient[3][3];   ///< from the change of the density per voxel to that of the extinction per step, world axes
+  VelocityGrids velocity;  ///< that carries the detail
+  LaneDetail detail;
 };
 
 /// A homogeneous medium of one density.

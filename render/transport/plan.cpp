@@ -4,6 +4,7 @@
 
 #include "render/transport/emission.h"
 #include "render/transport/integrator.h"
+#include "render/transport/lane_detail.h"
 #include "render/world/camera.h"
 #include "render/world/surfaces.h"
 #include "volume/lane_grid.h"
@@ -17,6 +18,7 @@ Precision precision_for(const Medium& m) {
       if (!part.empty() && !LaneGrid::fits(part)) return Precision::kDouble;
     if (!LaneGrid::fits(d->envelope)) return Precision::kDouble;
   }
+  if (m.detail() && !velocity_fits(*m.detail())) return Precision::kDouble;
   const Medium most = m.thickest();
   const double longest_voxel =
       most.voxel_volume() / (most.voxel_size() * most.voxel_size());  // at least its longest edge
@@ -93,7 +95,7 @@ Plan make_plan(const Scene& scene, const SceneMedia& media, const Lights& lights
   plan.one_grid = is_one_grid(plan, media, lights);
   plan.seen_emission = plan.emission && plan.has_media() && !plan.moving_media && !plan.instances &&
                        std::find(plan.media.begin(), plan.media.end(), Precision::kDouble) == plan.media.end() &&
-                       std::none_of(all.begin(), all.end(), [](const Medium& m) { return m.falls_off(); }) &&
+                       std::none_of(all.begin(), all.end(), [](const Medium& m) { return m.falls_off() || m.detail(); }) &&
                        std::all_of(fields.begin(), fields.end(), LaneEmission::fits);
   if (plan.one_grid && (!plan.emission || plan.seen_emission)) {  // else emission is integrated along free flights
     std::vector<Ray> rays;
