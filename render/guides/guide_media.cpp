@@ -166,7 +166,8 @@ double GuideMedia::scattering(size_t medium, const dvec3& world, GuideColour col
   double sum = 0;
   all->each_around(world, [&](size_t i) {
     const Instance& one = (*all)[i];
-    sum += m.smooth_density(one.to_local(world)) * one.density * c.per_density[k] * in_colour(m.albedo() * one.tint, colour);
+    sum += m.smooth_density(one.to_local(world)) * one.density * c.per_density[k] *
+           in_colour(m.albedo() * one.tint, colour);
   });
   return sum;
 }

@@ -66,7 +66,7 @@ V Density(const LaneMedia::Part& part, const LocalLines& lines, int k, V lane) {
   hn::Store(lane, D(), number);
   for (size_t i = 0; i < hn::Lanes(D()); ++i)
     density[i] = static_cast<float>(part.medium->smooth_density(lines.start + static_cast<double>(k) * lines.step +
-                                                         static_cast<double>(number[i]) * lines.across));
+                                                                static_cast<double>(number[i]) * lines.across));
   return hn::Load(D(), density);
 }
 

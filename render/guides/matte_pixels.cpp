@@ -222,7 +222,8 @@ class Mattes::Row {
           if (begin <= middle && middle <= end) {
             active_.push_back(m);
             const GuideMedia& medium = all_.media_[m].at[now];
-            if (!medium.media()[0].homogeneous() || medium.instances()) voxel = std::min(voxel, medium.grain() * medium.voxel());
+            if (!medium.media()[0].homogeneous() || medium.instances())
+              voxel = std::min(voxel, medium.grain() * medium.voxel());
             break;
           }
       if (active_.empty()) continue;

@@ -42,8 +42,7 @@ float lerp(float a, float b, float t) {
 MediaLine::MediaLine(const GuideMedia& media, GuideColour colour, bool detailed)
     : media_(media), colour_(colour), detailed_(detailed) {
   for (size_t i = 0; i < media.media().size(); ++i)
-    if (!media.media()[i].instances())
-      locals_.push_back(local_of(detailed ? media.detailed(i) : media.media()[i], i));
+    if (!media.media()[i].instances()) locals_.push_back(local_of(detailed ? media.detailed(i) : media.media()[i], i));
   still_ = locals_.size();
   one_ = media.media().size() == 1 && still_ == 1 && !locals_[0].medium->coloured();
 }

@@ -208,8 +208,8 @@ void describe(Visitor& v, VolumeTime& t) {
 
 template <class Visitor>
 void describe(Visitor& v, VolumeDetail& d) {
-  v({"amplitude", "1", "the density is multiplied by 1 + amplitude * noise: 0 is none, 1 eats holes and doubles peaks", 0,
-     1},
+  v({"amplitude", "1", "the density is multiplied by 1 + amplitude * noise: 0 is none, 1 eats holes and doubles peaks",
+     0, 1},
     d.amplitude);
   v({"frequency", "1/voxel",
      "bumps and hollows of the widest octave along a voxel of the density grid: 1 is one as wide as a voxel", 1e-3, 64},

@@ -56,8 +56,10 @@ HWY_INLINE V whole_noise(const LaneDetail& n, const V3& place, int32_t seed) {
   V sum = hn::Zero(D());
   for (int32_t o = 0; o < n.octaves; ++o) {
     const NoiseCell c = noise_cell(n, place, set(static_cast<float>(o)), hn::Set(di, o));
-    const VU x = noise_hash(c.x, Detail::kHashX), y = noise_hash(c.y, Detail::kHashY), z = noise_hash(c.z, Detail::kHashZ),
-             base = x + y + z + hn::Set(du, static_cast<uint32_t>(seed) + static_cast<uint32_t>(o) * Detail::kHashOctave);
+    const VU x = noise_hash(c.x, Detail::kHashX), y = noise_hash(c.y, Detail::kHashY),
+             z = noise_hash(c.z, Detail::kHashZ),
+             base =
+                 x + y + z + hn::Set(du, static_cast<uint32_t>(seed) + static_cast<uint32_t>(o) * Detail::kHashOctave);
     const auto corner = [&](uint32_t offset) { return noise_sign(base + hn::Set(du, offset)); };
     const auto row = [&](uint32_t offset) { return lerp(corner(offset), corner(offset + Detail::kHashZ), c.f.z); };
     const auto face = [&](uint32_t offset) { return lerp(row(offset), row(offset + Detail::kHashY), c.f.y); };

@@ -93,10 +93,11 @@ Plan make_plan(const Scene& scene, const SceneMedia& media, const Lights& lights
   if (!plan.holdouts) plan.near_lights = choose_near_lights(all, lights, scene.render.near_lights);
   plan.interpolate = scene.render.lookup == "interpolated";
   plan.one_grid = is_one_grid(plan, media, lights);
-  plan.seen_emission = plan.emission && plan.has_media() && !plan.moving_media && !plan.instances &&
-                       std::find(plan.media.begin(), plan.media.end(), Precision::kDouble) == plan.media.end() &&
-                       std::none_of(all.begin(), all.end(), [](const Medium& m) { return m.falls_off() || m.detail(); }) &&
-                       std::all_of(fields.begin(), fields.end(), LaneEmission::fits);
+  plan.seen_emission =
+      plan.emission && plan.has_media() && !plan.moving_media && !plan.instances &&
+      std::find(plan.media.begin(), plan.media.end(), Precision::kDouble) == plan.media.end() &&
+      std::none_of(all.begin(), all.end(), [](const Medium& m) { return m.falls_off() || m.detail(); }) &&
+      std::all_of(fields.begin(), fields.end(), LaneEmission::fits);
   if (plan.one_grid && (!plan.emission || plan.seen_emission)) {  // else emission is integrated along free flights
     std::vector<Ray> rays;
     for (const PathRequest& r : coarse_requests(scene, plan, camera, 24, 1)) rays.push_back(r.ray);

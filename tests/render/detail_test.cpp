@@ -1,5 +1,7 @@
-// Detail below the voxel in scenes: every kind of flight against the definition of the estimator, pictures of it against
-// those of a volume that holds it in voxels, guides, errors.
+// Detail below the voxel in scenes: every kind of flight against the definition of the estimator, pictures of it
+// against those of a volume that holds it in voxels, guides, errors.
+
+#include "volume/detail.h"
 
 #include <fmt/format.h>
 #include <gtest/gtest.h>
@@ -14,7 +16,6 @@
 #include "tests/support/files.h"
 #include "tests/support/reference_frame.h"
 #include "tests/support/volumes.h"
-#include "volume/detail.h"
 
 namespace brume {
 namespace {

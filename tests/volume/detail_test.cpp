@@ -136,8 +136,8 @@ TEST(Detail, IsCarriedAlongAVelocityWithoutPulsating) {
       const dvec3 p = test::random_point(rng, dvec3(20), dvec3(70));
       double expected = 0;
       for (int k = 0; k < detail.phases(); ++k)
-        expected += detail.phase(k).weight *
-                    noise_at(detail, p - detail.phase(k).since * velocity, detail.phase(k).seed);
+        expected +=
+            detail.phase(k).weight * noise_at(detail, p - detail.phase(k).since * velocity, detail.phase(k).seed);
       ASSERT_NEAR(detail.factor(p), 1 + 0.8 * expected, 1e-6);
       ASSERT_NEAR(later.factor(p + 0.01 * velocity), detail.factor(p), 0.012);
     }
@@ -180,8 +180,7 @@ TEST(MediumWithDetail, HasTheOpticalDepthOfItsDensity) {
   Rng rng(10);
   for (int i = 0; i < 10; ++i) {
     const Medium medium = rough.medium(0.3, test::random_affine(rng));
-    const dvec3 d = test::random_direction(rng),
-                target = medium.to_world(test::random_point(rng, dvec3(6), dvec3(24)));
+    const dvec3 d = test::random_direction(rng), target = medium.to_world(test::random_point(rng, dvec3(6), dvec3(24)));
     const Ray local = medium.to_local(Ray{target - 60.0 * d, d});
     double sum = 0;
     const int n = 200000;
