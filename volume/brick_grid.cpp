@@ -630,8 +630,8 @@ float BrickGrid::lookup(const dvec3& p) const {
   return found.brick == 0 ? 0.0f : lookup_in(found, c, p);
 }
 
-MajorantWalk::MajorantWalk(const BrickGrid& grid, const Ray& ray, double t_min, double t_max)
-    : grid_(&grid), ray_(ray), t_(t_min), end_(t_max) {
+MajorantWalk::MajorantWalk(const BrickGrid& grid, const Ray& ray, double t_min, double t_max, double factor)
+    : grid_(&grid), ray_(ray), t_(t_min), end_(t_max), factor_(static_cast<float>(factor)) {
   if (grid.empty()) {
     end_ = -1;
     t_ = 0;
@@ -706,7 +706,7 @@ bool MajorantWalk::next(Segment& segment) {
       for (int a = 0; a < 3; ++a) cell_[a] = std::clamp(cell_[a], 0, grid_->cells()[a] - 1);
     }
     if (cell && cell->brick != 0 && cell->majorant > 0 && t_ > start) {
-      segment = {start, t_, cell->majorant, cell, here};
+      segment = {start, t_, cell->majorant * factor_, cell, here};
       return true;
     }
   }

@@ -231,8 +231,9 @@ class MajorantWalk {
     ivec3 coordinates;  ///< of the cell
   };
 
-  /// @param ray  in local coordinates; d need not be a unit vector
-  MajorantWalk(const BrickGrid& grid, const Ray& ray, double t_min, double t_max);
+  /// @param ray     in local coordinates; d need not be a unit vector
+  /// @param factor  on all majorants
+  MajorantWalk(const BrickGrid& grid, const Ray& ray, double t_min, double t_max, double factor = 1);
 
   /// The next segment whose majorant is not zero; false at the end.
   bool next(Segment& segment);
@@ -247,6 +248,7 @@ class MajorantWalk {
   dvec3 inverse_;
   ivec3 step_, cell_;
   double t_, end_;
+  float factor_;
 };
 
 }  // namespace brume

@@ -129,7 +129,7 @@ std::optional<double> surface_in_cell(const BrickGrid& bricks, const Ray& ray, c
 std::optional<double> march_to_surface(const Medium& medium, const Ray& ray, const MajorantWalk::Segment& s,
                                        float iso) {
   const double step = 0.25 / glm::length(ray.d);
-  const auto density = [&](double t) { return medium.density(s, ray.at(t)); };
+  const auto density = [&](double t) { return medium.smooth_density(s, ray.at(t)); };
   const int steps = std::max(1, static_cast<int>(std::ceil((s.t1 - s.t0) / step)));
   for (int i = 1; i <= steps; ++i) {
     const double t0 = s.t0 + (s.t1 - s.t0) * (i - 1) / steps, t1 = s.t0 + (s.t1 - s.t0) * i / steps;
@@ -164,11 +164,11 @@ std::optional<double> find_isosurface(const Medium& medium, const Ray& ray, floa
     const double t = from + (falloff->height(ray.at(from)) + std::log(static_cast<double>(iso))) / sinks;
     return sinks > 0 && t < t1 ? std::optional(t) : std::nullopt;
   }
-  if (medium.density(ray.at(begin)) >= iso) return begin;
+  if (medium.smooth_density(ray.at(begin)) >= iso) return begin;
   MajorantWalk walk = medium.walk(ray, begin, kUnbounded);
   MajorantWalk::Segment s;
   while (walk.next(s)) {
-    if (s.majorant < iso) continue;
+    if (s.majorant < iso) continue;  // of detail's majorant, too: the density without it is below
     const std::optional<double> t =
         medium.displacement() ? march_to_surface(medium, ray, s, iso) : surface_in_cell(medium.bricks(), ray, s, iso);
     if (t) return t;

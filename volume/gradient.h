@@ -15,7 +15,8 @@ inline constexpr double kLeastGradient = 1e-4;
 /// @return gradient [density / world unit], not normalised
 std::optional<dvec3> density_gradient(const Medium& medium, const dvec3& local);
 
-/// Where a ray meets the medium's isosurface: the first point at which the interpolated density reaches `iso`.
+/// Where a ray meets the medium's isosurface: the first point at which the interpolated density reaches `iso`. Both are
+/// of the density without detail, whose isosurface is one of scraps.
 /// Exact for a still grid, up to rounding: between the faces of a voxel the density is a cubic along the ray, whose
 /// first root is found. A field displaced by its velocity is looked at every quarter of a voxel.
 /// @param ray    local coordinates

@@ -80,7 +80,7 @@ struct LaneGrid {
 /// What a displaced density field is looked up in.
 struct DisplacedLaneGrid {
   LaneGrid density;                      ///< as it is stored
-  std::array<LaneGrid, 3> displacement;  ///< without cells where a component is 0 everywhere
+  std::array<LaneGrid, 3> displacement;  ///< without cells where a component is 0 everywhere; or what carries detail
 };
 
 }  // namespace brume

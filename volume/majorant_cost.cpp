@@ -11,9 +11,10 @@ double most_tentative_collisions(const Medium& medium) {
   const BrickGrid& grid = medium.walked();
   const double per_density =
       medium.extinction_per_density() * medium.majorant_scale() * medium.voxel_size() * grid.cell_size();
+  const double factor = medium.majorant_factor();
   double most = 0;
   grid.each_distinct_cell([&](const BrickGrid::Cell& cell, uint64_t) {
-    const double majorant = medium.global_majorant() ? grid.maximum() : cell.majorant;
+    const double majorant = factor * (medium.global_majorant() ? grid.maximum() : cell.majorant);
     double collisions = per_density * majorant;
     if (collisions > std::max(most, kUnremarkable) && cell.brick != 0) {
       const float* const values = grid.brick(cell);

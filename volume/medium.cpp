@@ -105,6 +105,7 @@ Medium Medium::resampled(int per_voxel, BrickGrid& bricks, const SampleDensity& 
       box, blocks, [&](const ivec3& corner, float* values) { sample(spacing * dvec3(corner), spacing, values); }, task);
   Medium still = *this;
   still.displacement_ = nullptr;
+  still.detail_ = nullptr;
   still.bricks_ = &bricks;
   const dmat4 finer{dmat3(spacing)};
   still.placement_ = Placement(placement_.world_from_local() * finer * translation(dvec3(bricks.origin())));

@@ -5,6 +5,7 @@
 #include <optional>
 
 #include "volume/brick_grid.h"
+#include "volume/detail.h"
 #include "volume/height_falloff.h"
 #include "volume/instances.h"
 #include "volume/phase_function.h"
@@ -90,6 +91,9 @@ class Medium {
     colour_placement_ = where;
   }
   void set_displacement(const Displacement& displacement) { displacement_ = &displacement; }
+  /// Multiplies the density of a grid by noise. Emission does not know it.
+  void set_detail(const Detail& detail) { detail_ = &detail; }
+  const Detail* detail() const { return detail_; }
   /// The transform at the shutter's end; it moves there in a straight line from the one given at construction.
   void set_motion(const dmat4& world_from_index_end);
   bool moves() const { return displacement_ != nullptr || end_.has_value(); }
@@ -102,7 +106,7 @@ class Medium {
   /// Finds the density at kCell + 1 points along each axis, z fastest, from a local point on, a distance apart.
   using SampleDensity = std::function<void(const dvec3& first, double spacing, float* values)>;
   /// The medium with its density as it is now at the points of a finer lattice, linear between them: one that is
-  /// displaced is looked up far faster so. Any other medium as it is.
+  /// displaced is looked up far faster so. Any other medium as it is. Its detail is lost.
   /// @param per_voxel  points of the lattice along a voxel
   /// @param bricks     is given the density; must outlive the medium
   Medium resampled(int per_voxel, BrickGrid& bricks, const SampleDensity& sample, const Task& task) const;
@@ -145,7 +149,7 @@ class Medium {
 
   /// The segments of constant majorant along a local ray. Not for a homogeneous medium.
   MajorantWalk walk(const Ray& local, double t_min, double t_max) const {
-    return {walked(), {local.o + walked_shift(), local.d}, t_min, t_max};
+    return {walked(), {local.o + walked_shift(), local.d}, t_min, t_max, majorant_factor()};
   }
 
   const Coefficients& coefficients() const { return coefficients_; }
@@ -178,20 +182,36 @@ class Medium {
   /// Of instances on average.
   double voxel_size() const { return instances_ ? instances_->voxel_size() : placement_.voxel_size(); }
 
-  /// Density at a local point, displaced where the medium is.
+  /// Density at a local point, displaced and with detail where the medium is.
   double density(const dvec3& local) const {
     if (homogeneous_) return homogeneous_->density(local);
-    return bricks_->lookup(displacement_ ? displaced(local) : local);
+    const dvec3 stored = displacement_ ? displaced(local) : local;
+    const double found = bricks_->lookup(stored);
+    return detail_ && found > 0 ? found * detail_->factor(stored) : found;
   }
   /// The same at a local point of a segment of walk(), for less.
   double density(const MajorantWalk::Segment& segment, const dvec3& local) const {
-    return displacement_ ? density(local) : bricks_->lookup_in(*segment.cell, segment.coordinates, local);
+    if (displacement_) return density(local);
+    const double found = smooth_density(segment, local);
+    return detail_ && found > 0 ? found * detail_->factor(local) : found;
+  }
+  /// Both without detail.
+  double smooth_density(const dvec3& local) const {
+    if (homogeneous_) return homogeneous_->density(local);
+    return bricks_->lookup(displacement_ ? displaced(local) : local);
+  }
+  double smooth_density(const MajorantWalk::Segment& segment, const dvec3& local) const {
+    return displacement_ ? smooth_density(local) : bricks_->lookup_in(*segment.cell, segment.coordinates, local);
   }
   /// Where the density that is now at a local point is stored.
   dvec3 displaced(const dvec3& local) const {
     return local - time_ * displacement_->field.lookup(local + displacement_->origin_shift);
   }
-  double maximum_density() const { return homogeneous_ ? homogeneous_->maximum() : bricks_->maximum(); }
+  /// What detail multiplies all bounds of the stored density by; 1 without it.
+  double majorant_factor() const { return detail_ ? detail_->greatest() : 1.0; }
+  double maximum_density() const {
+    return homogeneous_ ? homogeneous_->maximum() : bricks_->maximum() * majorant_factor();
+  }
   /// Extinction at a local point [1 / world unit], of the largest channel.
   double sigma_t(const dvec3& local) const { return sigma_max_ * density(local); }
 
@@ -216,6 +236,7 @@ class Medium {
   const VectorBricks* colour_ = nullptr;
   Placement colour_placement_;
   const Displacement* displacement_ = nullptr;
+  const Detail* detail_ = nullptr;
   const Instances* instances_ = nullptr;
   double time_ = 0, majorant_scale_ = 1;
   bool global_majorant_ = false, holdout_ = false;

@@ -53,6 +53,8 @@ double optical_depth(const Medium& medium, const Ray& ray, double t_max) {
   const double across = 1e-20 * max_component(glm::abs(ray.d));  // such a ray never reaches the axis's planes
   MajorantWalk::Segment s;
   double sum = 0;
+  // Detail is a polynomial between the points of its lattice; so many parts of a voxel's length lie within one, about.
+  const double parts = medium.detail() ? medium.detail()->finest() * glm::length(ray.d) : 0;
   while (walk.next(s)) {
     double t = s.t0;
     while (t < s.t1) {
@@ -65,9 +67,13 @@ double optical_depth(const Medium& medium, const Ray& ray, double t_max) {
         next = std::min(next, (plane - ray.o[a]) / ray.d[a]);
       }
       if (!(next > t)) next = std::nextafter(t, kUnbounded);
-      const double centre = 0.5 * (t + next), half = 0.5 * (next - t), x = half * std::sqrt(0.6);
-      const auto density = [&](double at) { return medium.density(s, ray.at(at)); };
-      sum += half * (8.0 / 9 * density(centre) + 5.0 / 9 * (density(centre - x) + density(centre + x)));
+      const int pieces = std::max(1, static_cast<int>(std::ceil((next - t) * parts)));
+      for (int i = 0; i < pieces; ++i) {
+        const double half = 0.5 * (next - t) / pieces, centre = 0.5 * (t + next) + (2 * i + 1 - pieces) * half,
+                     x = half * std::sqrt(0.6);
+        const auto density = [&](double at) { return medium.density(s, ray.at(at)); };
+        sum += half * (8.0 / 9 * density(centre) + 5.0 / 9 * (density(centre - x) + density(centre + x)));
+      }
       t = next;
     }
   }

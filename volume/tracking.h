@@ -51,7 +51,7 @@ class TentativeCollisions {
         k_(medium.extinction_per_density()),
         margin_(kMajorantMargin * medium.majorant_scale()),
         one_segment_(medium.homogeneous() || medium.global_majorant()),
-        walk_(walked_grid(medium), {local.o + medium.walked_shift(), local.d}, 0.0, t_max) {
+        walk_(walked_grid(medium), {local.o + medium.walked_shift(), local.d}, 0.0, t_max, medium.majorant_factor()) {
     tau_ = rng.exponential();  // carried across cells: the same process as drawing anew in each, for less
     if (one_segment_) {
       const auto [lo, hi] = medium.support();

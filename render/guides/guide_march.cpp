@@ -20,6 +20,16 @@ bool any_mirrors(const Surfaces* surfaces) {
   return false;
 }
 
+/// Steps through detail are as short as it is fine, or as pixels are where these are larger.
+double step_through_detail(const GuideMedia& media, const Camera& camera, double step_voxels) {
+  const double grain = media.grain();
+  if (!(grain < step_voxels)) return step_voxels;
+  const dvec2 middle = 0.5 * dvec2(camera.film_size());
+  const Ray a = camera.ray(middle), b = camera.ray(middle + dvec2(1, 0));
+  const double distance = glm::distance(a.o, 0.5 * (media.lo() + media.hi()));
+  return std::clamp(glm::distance(a.at(distance), b.at(distance)) / media.voxel(), grain, step_voxels);
+}
+
 }  // namespace
 
 GuideMarch::GuideMarch(const PathContext& context, const std::vector<GuideMedia>& media, const LightFields& fields,
@@ -36,7 +46,8 @@ GuideMarch::GuideMarch(const PathContext& context, const std::vector<GuideMedia>
       node_fields_(fields, media[0], colour, camera, media.size() > 1, task) {
   if (colour == kGrey && !media[0].media().empty()) tint_ = OrderTint(media[0].tint(0));
   if (any_mirrors(context.surfaces)) node_light_ = any_direction(fields, media[0], colour, task);
-  const MarchSteps steps(media[0], fields, colour, (sketch ? kSketchStride : 1) * step_voxels);
+  const double step = sketch ? kSketchStride * step_voxels : step_through_detail(media[0], camera, step_voxels);
+  const MarchSteps steps(media[0], fields, colour, step);
   for (size_t time = 0; time < media.size(); ++time) scenes_.emplace_back(media, time, fields, colour, steps);
 }
 

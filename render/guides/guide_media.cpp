@@ -144,6 +144,13 @@ GuideMedia::GuideMedia(std::span<const Medium> media, std::span<const EmissionFi
   voxel_ = std::min(voxel_, layer);
 }
 
+double GuideMedia::grain() const {
+  double finest = 1;
+  for (const Medium& m : displaced_)
+    if (m.detail()) finest = std::min(finest, 2 * m.voxel_size() / (voxel_ * m.detail()->finest()));
+  return finest;
+}
+
 GuideMedia::Point GuideMedia::at(const dvec3& world, GuideColour colour) const {
   MediaLine line(*this, colour);
   line.follow({world, dvec3(0)});
@@ -155,11 +162,12 @@ double GuideMedia::scattering(size_t medium, const dvec3& world, GuideColour col
   const Constants& c = constants_[medium];
   const auto k = static_cast<size_t>(colour - kGrey);
   const Instances* const all = m.instances();
-  if (!all) return m.density(m.to_local(world)) * c.per_density[k] * c.albedo[k];
+  if (!all) return m.smooth_density(m.to_local(world)) * c.per_density[k] * c.albedo[k];
   double sum = 0;
   all->each_around(world, [&](size_t i) {
     const Instance& one = (*all)[i];
-    sum += m.density(one.to_local(world)) * one.density * c.per_density[k] * in_colour(m.albedo() * one.tint, colour);
+    sum += m.smooth_density(one.to_local(world)) * one.density * c.per_density[k] *
+           in_colour(m.albedo() * one.tint, colour);
   });
   return sum;
 }
@@ -173,7 +181,7 @@ dvec3 GuideMedia::emission(const dvec3& world) const {
 dvec3 GuideMedia::followed(const dvec3& world, const GuideMedia& other) const {
   if (this == &other) return world;
   for (size_t i = 0; i < media_.size(); ++i)
-    if (!media_[i].instances() && (media_.size() == 1 || media_[i].density(media_[i].to_local(world)) > 0))
+    if (!media_[i].instances() && (media_.size() == 1 || media_[i].smooth_density(media_[i].to_local(world)) > 0))
       return moved(i, world, other);
   return world;
 }

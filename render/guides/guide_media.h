@@ -38,7 +38,14 @@ class GuideMedia {
   const dvec3& hi() const { return hi_; }
   /// Of the finest grid [world units].
   double voxel() const { return voxel_; }
+  /// As solvers look them up: without detail.
   const std::vector<Medium>& media() const { return media_; }
+  /// One of them as rays of the camera see it.
+  const Medium& detailed(size_t medium) const {
+    return displaced_[medium].detail() ? displaced_[medium] : media_[medium];
+  }
+  /// Width of a bump and a hollow of the finest detail, as a share of voxel(); 1 where nothing is finer than that.
+  double grain() const;
   /// Whether camera rays that end in some see nothing there.
   bool holdouts() const { return holdouts_; }
   /// Whether some stand at many places.

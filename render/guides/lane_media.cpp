@@ -65,8 +65,8 @@ V Density(const LaneMedia::Part& part, const LocalLines& lines, int k, V lane) {
   HWY_ALIGN Lanes number, density;
   hn::Store(lane, D(), number);
   for (size_t i = 0; i < hn::Lanes(D()); ++i)
-    density[i] = static_cast<float>(part.medium->density(lines.start + static_cast<double>(k) * lines.step +
-                                                         static_cast<double>(number[i]) * lines.across));
+    density[i] = static_cast<float>(part.medium->smooth_density(lines.start + static_cast<double>(k) * lines.step +
+                                                                static_cast<double>(number[i]) * lines.across));
   return hn::Load(D(), density);
 }
 

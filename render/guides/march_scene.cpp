@@ -32,7 +32,7 @@ void set_place(MarchedRay::Place& place, const dvec3& start, const dvec3& along)
 
 bool looked_up_in_vectors(const Medium& m) {
   return !m.homogeneous() && !m.displacement() && !m.coloured() && !m.instances() && !m.bricks().empty() &&
-         LaneGrid::fits(m.bricks());
+         LaneGrid::fits(m.bricks()) && (!m.detail() || velocity_fits(*m.detail()));
 }
 
 bool of_one_density(const Medium& m) {
@@ -66,8 +66,17 @@ MarchedGrid marched_grid(const GuideMedia& media, size_t medium, GuideColour col
                    static_cast<float>(c.inverse_maximum),
                    {static_cast<float>(c.tint.x), static_cast<float>(c.tint.y), static_cast<float>(c.tint.z)},
                    m.holdout() ? 0.0f : 1.0f,
+                   {},
+                   {},
                    {}};
   set_cells(grid.cells, grid.stored);
+  if (const Detail* const detail = m.detail()) {
+    grid.velocity = velocity_of(*detail);
+    // What is narrower than half a step would be seen as noise.
+    const double spacing = 0.5 * step / m.voxel_size() * detail->frequency();
+    const int octaves = spacing > 0 ? 1 + static_cast<int>(std::floor(-std::log2(spacing))) : Detail::kMostOctaves;
+    grid.detail = lane_detail(*detail, grid.velocity, std::clamp(octaves, 0, Detail::kMostOctaves));
+  }
   for (int axis = 0; axis < 3; ++axis) {
     dvec3 slope(0);
     slope[axis] = 1;
@@ -140,9 +149,10 @@ MarchScene::MarchScene(const std::vector<GuideMedia>& media, size_t time, const 
       colour_(colour) {
   const std::vector<Medium>& all = own_.media();
   const auto even = static_cast<size_t>(std::count_if(all.begin(), all.end(), of_one_density));
-  const auto in_vectors = [](const Medium& m) { return of_one_density(m) || looked_up_in_vectors(m); };
-  if (even <= kMostMarchedShapes && all.size() - even <= kMostMarchedGrids &&
-      std::all_of(all.begin(), all.end(), in_vectors))
+  bool in_vectors = true;
+  for (size_t i = 0; i < all.size(); ++i)
+    in_vectors = in_vectors && (of_one_density(all[i]) || looked_up_in_vectors(own_.detailed(i)));
+  if (even <= kMostMarchedShapes && all.size() - even <= kMostMarchedGrids && in_vectors)
     for (size_t i = 0; i < all.size(); ++i) {
       if (of_one_density(all[i]))
         shapes.push_back(marched_shape(own_, i, colour, steps.length));
@@ -205,7 +215,7 @@ MarchedRay& MarchScene::aim(const Ray& ray, double t_max, double stride, double 
     const auto [begin, end] = medium.homogeneous()->intersect(medium.to_local(ray));
     to.shape[i] = vec2((begin - to.start) / step, (end - to.start) / step);
   }
-  if (grids.empty() && shapes.empty()) to.line.emplace(own_, colour_).follow(ray);
+  if (grids.empty() && shapes.empty()) to.line.emplace(own_, colour_, /*detailed=*/true).follow(ray);
   // The only medium's light was solved where it was in the middle of the shutter, a line of it was a line there, too.
   const GuideMedia& middle = media_[media_.size() / 2];
   const bool alone = own_.media().size() == 1;

@@ -124,7 +124,7 @@ class Mattes::Row {
     for (size_t time = 0; time < times; ++time) {
       std::vector<MediaLine>& lines = lines_.emplace_back();
       for (const NamedMedium& m : all.media_)
-        for (int c = 0; c < colours_; ++c) lines.emplace_back(m.at[time], colours_ == 3 ? c : kGrey);
+        for (int c = 0; c < colours_; ++c) lines.emplace_back(m.at[time], colours_ == 3 ? c : kGrey, /*detailed=*/true);
     }
     parts_.resize(all.media_.size());
     hidden_.resize(all.media_.size());
@@ -222,7 +222,8 @@ class Mattes::Row {
           if (begin <= middle && middle <= end) {
             active_.push_back(m);
             const GuideMedia& medium = all_.media_[m].at[now];
-            if (!medium.media()[0].homogeneous() || medium.instances()) voxel = std::min(voxel, medium.voxel());
+            if (!medium.media()[0].homogeneous() || medium.instances())
+              voxel = std::min(voxel, medium.grain() * medium.voxel());
             break;
           }
       if (active_.empty()) continue;

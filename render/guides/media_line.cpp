@@ -7,15 +7,15 @@
 namespace brume {
 namespace {
 
-/// Any medium's density, and its gradient from half a voxel on either side; local space.
-double general_density(const Medium& medium, const dvec3& p, dvec3* gradient) {
+/// Any medium's density, and its gradient from half a voxel on either side; local space. Gradients know no detail.
+double general_density(const Medium& medium, const dvec3& p, bool detailed, dvec3* gradient) {
   if (gradient && !medium.homogeneous())
     for (int a = 0; a < 3; ++a) {
       dvec3 step(0);
       step[a] = 0.5;
-      (*gradient)[a] = medium.density(p + step) - medium.density(p - step);
+      (*gradient)[a] = medium.smooth_density(p + step) - medium.smooth_density(p - step);
     }
-  return medium.density(p);
+  return detailed ? medium.density(p) : medium.smooth_density(p);
 }
 
 float lerp(float a, float b, float t) {
@@ -39,15 +39,17 @@ float lerp(float a, float b, float t) {
 
 }  // namespace
 
-MediaLine::MediaLine(const GuideMedia& media, GuideColour colour) : media_(media), colour_(colour) {
+MediaLine::MediaLine(const GuideMedia& media, GuideColour colour, bool detailed)
+    : media_(media), colour_(colour), detailed_(detailed) {
   for (size_t i = 0; i < media.media().size(); ++i)
-    if (!media.media()[i].instances()) locals_.push_back(local_of(media.media()[i], i));
+    if (!media.media()[i].instances()) locals_.push_back(local_of(detailed ? media.detailed(i) : media.media()[i], i));
   still_ = locals_.size();
   one_ = media.media().size() == 1 && still_ == 1 && !locals_[0].medium->coloured();
 }
 
-MediaLine::Local MediaLine::local_of(const Medium& medium, size_t number) {
+MediaLine::Local MediaLine::local_of(const Medium& medium, size_t number) const {
   Local local{&medium, number};
+  if (detailed_) local.detail = medium.detail();
   if (medium.homogeneous() || medium.displacement()) return local;
   local.bricks = &medium.bricks();
   local.cell_bits = std::countr_zero(static_cast<unsigned>(local.bricks->cell_size()));
@@ -99,7 +101,7 @@ void MediaLine::find_extent(Local& local) {
 [[gnu::always_inline]] inline double MediaLine::density(Local& local, double t, dvec3* gradient) {
   if (t < local.begin || t > local.end) return 0;
   const dvec3 p = local.ray.at(t);
-  if (!local.bricks) return general_density(*local.medium, p, gradient);
+  if (!local.bricks) return general_density(*local.medium, p, local.detail != nullptr, gradient);
   const BrickGrid& grid = *local.bricks;
   const dvec3 &lo = grid.support_lo(), &hi = grid.support_hi();
   if (!(p.x > lo.x && p.y > lo.y && p.z > lo.z && p.x < hi.x && p.y < hi.y && p.z < hi.z)) return 0;
@@ -112,7 +114,8 @@ void MediaLine::find_extent(Local& local) {
   const ivec3 inside = voxel & ((1 << local.cell_bits) - 1);
   const size_t y = static_cast<size_t>(grid.stored()), x = y * y;
   const float* const values = grid.brick(*local.cell) + inside.x * x + inside.y * y + inside.z;
-  return static_cast<double>(trilinear(values, x, y, vec3(p - dvec3(voxel)), gradient));
+  const auto found = static_cast<double>(trilinear(values, x, y, vec3(p - dvec3(voxel)), gradient));
+  return local.detail && found > 0 ? found * local.detail->factor(p) : found;
 }
 
 [[gnu::noinline]] double MediaLine::coloured_albedo(const Local& local, double t) const {

@@ -9,7 +9,8 @@ namespace brume {
 /// to each medium's own space once, and a cell that holds several points is found once.
 class MediaLine {
  public:
-  MediaLine(const GuideMedia& media, GuideColour colour);
+  /// @param detailed  whether densities have their detail; solvers, whose points lie far apart, want its mean
+  MediaLine(const GuideMedia& media, GuideColour colour, bool detailed = false);
   /// Looks along a world ray from now on; its direction may have any length.
   void follow(const Ray& ray);
 
@@ -23,6 +24,7 @@ class MediaLine {
     const Medium* medium;
     size_t number;                      ///< of it
     const BrickGrid* bricks = nullptr;  ///< null where densities are not simply its interpolated values
+    const Detail* detail = nullptr;     ///< that is looked up, too
     int cell_bits = 0;
     Ray ray{};
     double begin = 0, end = 0;  ///< of the line, outside of which the medium is not
@@ -33,7 +35,7 @@ class MediaLine {
     dvec3 tint{1};
   };
   double coloured_albedo(const Local& instance, double t) const;
-  static Local local_of(const Medium& medium, size_t number);
+  Local local_of(const Medium& medium, size_t number) const;
   void add_instances(const Medium& medium, size_t number);
   static void find_extent(Local& local);
   GuideMedia::Point look_up(double t, dvec3* gradient);
@@ -42,6 +44,7 @@ class MediaLine {
 
   const GuideMedia& media_;
   const GuideColour colour_;
+  const bool detailed_;
   Ray ray_{};
   std::vector<Local> locals_;  // of the media without instances, then of the instances that the line meets
   size_t still_ = 0;           // the former

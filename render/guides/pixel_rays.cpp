@@ -20,7 +20,8 @@ PixelRays::PixelRays(const PathContext& context, const Camera& camera, const Gui
   const dvec2 pixel = 0.5 * dvec2(camera_.film_size());
   const Ray a = camera_.ray(pixel), b = camera_.ray(pixel + 1.0);
   const double distance = glm::distance(a.o, middle);
-  if (blurred_ || glm::distance(a.at(distance), b.at(distance)) > 0.75 * std::sqrt(2.0) * media.voxel()) across_ = 2;
+  if (blurred_ || glm::distance(a.at(distance), b.at(distance)) > 0.75 * std::sqrt(2.0) * media.grain() * media.voxel())
+    across_ = 2;
 }
 
 CameraSample PixelRays::sample(const ivec2& pixel, int ray, int across) const {

@@ -19,6 +19,7 @@ HWY_BEFORE_NAMESPACE();
 namespace brume::HWY_NAMESPACE {
 
 #include "render/transport/cell_walk.h"
+#include "render/transport/detail_noise.h"
 
 // Of the step for each free path behind the eye's first ones.
 constexpr float kStepGrowth = 0.25f, kGrowingDepth = 2, kLongestStep = 4;
@@ -353,7 +354,7 @@ HWY_INLINE void RayMarch::add_grid(const MarchedGrid& grid, const V3& p, M activ
   const V found = lerp(near, far, fx);
   const M any = hn::And(inside, found > 0.0f);
   const auto only = [&](V v) { return hn::IfThenElseZero(any, v); };
-  const V density = only(found);
+  const V density = only(grid.detail.octaves > 0 ? found * detail_factor(grid.detail, p) : found);
   const V3 slope{only(far - near), only(lerp(z01 - z00, z11 - z10, fx)),
                  only(lerp(lerp(change(e00), change(e01), fy), lerp(change(e10), change(e11), fy), fx))};
   const V extinction = density * grid.extinction, scattered = extinction * (grid.seen * grid.albedo);

@@ -42,6 +42,7 @@ class FieldReference {
   static std::string show(const std::vector<std::vector<double>>&) { return "none"; }
   static std::string show(const std::vector<dmat4>&) { return "none"; }
   static std::string show(const VolumeTime&) { return "none"; }
+  static std::string show(const VolumeDetail&) { return "none"; }
   static std::string show(const std::filesystem::path&) { return "none"; }
   static std::string show(const std::string& s) { return "`\"" + s + "\"`"; }
   static std::string show(const std::vector<int>& list) {

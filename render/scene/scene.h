@@ -62,6 +62,14 @@ struct VolumeTime {
   bool given = false;  ///< whether the volume has the table
 };
 
+/// Noise below the voxels of a volume's density.
+struct VolumeDetail {
+  double amplitude = 0.8, frequency = 1;
+  int octaves = 3;
+  int64_t seed = 0;
+  bool given = false;  ///< whether the volume has the table
+};
+
 struct VolumeSettings;
 
 /// What that comes to at the scene's frame; not part of a scene's text.
@@ -107,6 +115,7 @@ struct VolumeSettings {
   std::string velocity_grid = "none";
   double velocity_scale = 1;
   VolumeTime time;
+  VolumeDetail detail;
   VolumeMoment moment;
   dmat4 object_to_world{1};
   dmat4 object_to_world_end{0};  ///< all zero: the volume stands still
@@ -267,6 +276,17 @@ inline bool lies_around_camera(const Scene& scene) {
   return scene.environment.air > 0 || std::any_of(scene.volumes.begin(), scene.volumes.end(), [](const auto& v) {
            return is_everywhere(v) || is_endless_layer(v);
          });
+}
+/// Whether noise makes a volume's density finer, and whether that follows its velocity.
+inline bool has_detail(const VolumeSettings& volume) {
+  return volume.detail.given && volume.detail.amplitude > 0;
+}
+inline bool carries_detail(const VolumeSettings& volume) {
+  return has_detail(volume) && volume.velocity_grid != "none";
+}
+/// The frame of its sequence that a volume shows.
+inline double frame_of(const VolumeSettings& volume, int scene_frame) {
+  return volume.time.given ? volume.moment.frame : scene_frame;
 }
 /// Hides what is behind it and is not seen itself.
 inline bool is_holdout(const VolumeSettings& volume) {

@@ -207,6 +207,20 @@ void describe(Visitor& v, VolumeTime& t) {
 }
 
 template <class Visitor>
+void describe(Visitor& v, VolumeDetail& d) {
+  v({"amplitude", "1", "the density is multiplied by 1 + amplitude * noise: 0 is none, 1 eats holes and doubles peaks",
+     0, 1},
+    d.amplitude);
+  v({"frequency", "1/voxel",
+     "bumps and hollows of the widest octave along a voxel of the density grid: 1 is one as wide as a voxel", 1e-3, 64},
+    d.frequency);
+  v({"octaves", "", "each is half as wide and half as strong as the one before: 3 reach four times below the first", 1,
+     8},
+    d.octaves);
+  v({"seed", "", "another one is other noise", 0, 9e18}, d.seed);
+}
+
+template <class Visitor>
 void describe(Visitor& v, VolumeSettings& s) {
   v({"file", "", "OpenVDB or NanoVDB file"}, s.file);
   v({"grid", "",
@@ -303,6 +317,9 @@ void describe(Visitor& v, VolumeSettings& s) {
   v({"velocity_scale", "", "the file's world units per frame for one unit of stored velocity"}, s.velocity_scale);
   v({"time", "table", "which frame of a sequence of files is shown, below: time = { frame = [[1, 1], [48, 25.5]] }"},
     s.time);
+  v({"detail", "table",
+     "grid: structure below the voxel, by noise, below: detail = { amplitude = 0.8 }. Of the density alone: what emits keeps its own"},
+    s.detail);
   v({"object_to_world", "", "4 x 4, rows first, applied after the file's own transform; points are columns"},
     s.object_to_world);
   v({"object_to_world_end", "", "the same when the shutter closes; all zero: it stands still"}, s.object_to_world_end);

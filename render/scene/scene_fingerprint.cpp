@@ -4,6 +4,7 @@
 
 #include <fstream>
 #include <string>
+#include <utility>
 #include <vector>
 
 #include "base/rng.h"
@@ -42,10 +43,13 @@ class SettingTexts {
       for (const char c : text(m)) hash = mix64(hash ^ static_cast<unsigned char>(c));
     return matrices.empty() ? "none" : fmt::format("{} matrices, content {:016x}", matrices.size(), hash);
   }
-  static std::string text(VolumeTime time) {
-    if (!time.given) return "none";
+  static std::string text(const VolumeTime& time) { return text_of_table(time); }
+  static std::string text(const VolumeDetail& detail) { return text_of_table(detail); }
+  template <class Table>
+  static std::string text_of_table(Table table) {
+    if (!table.given) return "none";
     SettingTexts set;
-    describe(set, time);
+    describe(set, table);
     std::string all;
     for (size_t i = 0; i < set.keys.size(); ++i)
       all += fmt::format("{}{} = {}", i ? ", " : "", set.keys[i], set.texts[i]);
@@ -117,7 +121,7 @@ Fingerprint fingerprint(Scene scene, FileHashes* known) {
   const RenderSettings standard;
   scene.render.spp = standard.spp;
   scene.render.seed = standard.seed;
-  scene.render.frame = standard.frame;
+  const int frame = std::exchange(scene.render.frame, standard.frame);
   print.table("camera", scene.camera);
   print.table("film", scene.film);
   print.table("render", scene.render);
@@ -142,6 +146,7 @@ Fingerprint fingerprint(Scene scene, FileHashes* known) {
       if (m.later)
         for (const auto& [key, file] : kVolumeFiles) print.file(t + ".later." + key, (*m.later).*file);
     }
+    if (carries_detail(v)) print.content(t + ".detail", fmt::format("{}", frame_of(v, frame)));
     if (!v.grids || !v.grids->of_arrays()) return;
     print.table(t, v.placement);
     print.content(t + ".arrays", v.grids->content);
@@ -220,6 +225,7 @@ std::string world_of(const Scene& scene) {
     if (v.time.given) text += fmt::format("{} {} {}\n", v.moment.share, v.moment.frames, v.moment.rate);
     if (v.moment.later)
       for (const auto& [key, file] : kVolumeFiles) add_file((*v.moment.later).*file);
+    if (carries_detail(v)) text += fmt::format("{}\n", frame_of(v, scene.render.frame));
     if (!v.grids || !v.grids->of_arrays()) continue;
     add(v.placement);
     text += v.grids->content + "\n";

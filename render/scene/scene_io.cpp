@@ -138,7 +138,7 @@ void check_volume(Parser& parser, VolumeSettings& v, const toml::value& table) {
     fail_at("[[volumes]] has no 'file'", table, "add file = ... here: OpenVDB file");
   if (v.shape != "grid") {
     conflict({"file", "grid", "albedo_grid", "albedo_file", "temperature_grid", "temperature_file", "flame_grid",
-              "flame_file", "velocity_grid", "velocity_file", "time"},
+              "flame_file", "velocity_grid", "velocity_file", "time", "detail"},
              fmt::format("shape = \"{}\"", v.shape));
     if (v.shape == "everywhere")
       conflict({"lo", "hi", "object_to_world", "object_to_world_end"}, "shape = \"everywhere\"");

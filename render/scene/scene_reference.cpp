@@ -40,6 +40,10 @@ std::string scene_reference() {
       "Of a volume whose file is a sequence ([sequences.md](sequences.md#volumes-at-their-own-speed)). Without it the volume's frame is the scene's.",
       VolumeTime{});
   reference.table(
+      "[volumes.detail]",
+      "Noise below the voxels of a grid ([methods.md](methods.md#detail-below-the-voxel)). The mean of the density stays. With `velocity_grid` it follows the flow from frame to frame.",
+      VolumeDetail{});
+  reference.table(
       "[[instances]]",
       "Places where a volume stands. One that is named here stands at these places only, not at its own; its grids are held once, however many there are ([instances.md](instances.md)). One of `matrices` and `file` is required.",
       InstanceSettings{});

@@ -6,6 +6,7 @@
 #include <filesystem>
 #include <istream>
 #include <string>
+#include <type_traits>
 #include <vector>
 #if __has_include(<toml11/skip.hpp>)
 #include <toml11/skip.hpp>
@@ -159,7 +160,9 @@ class TomlTable {
     if (!std::filesystem::exists(target, ignored)) target = toml_path(folder_, file_of_frame(text, frame_).string());
     files_.push_back({field.key, target, toml_path(folder_, text)});
   }
-  void read(const Field& field, const toml::value& v, VolumeTime& target) {
+  template <class Table>
+  requires std::is_same_v<Table, VolumeTime> || std::is_same_v<Table, VolumeDetail>
+  void read(const Field& field, const toml::value& v, Table& target) {
     TomlTable table(v, fmt::format("'{}' of {}", field.key, where_), folder_, frame_);
     describe(table, target);
     table.reject_unknown();

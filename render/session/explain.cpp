@@ -48,6 +48,9 @@ std::string medium_text(const Medium& m) {
   text += m.chromatic() ? ", chromatic" : ", grey";
   if (m.coloured()) text += ", albedo from a colour grid";
   if (m.displacement()) text += ", blurred by its velocity";
+  if (const Detail* const d = m.detail())
+    text += fmt::format(", detail of {} octaves down to {:.3g} voxels{}", d->octaves(), 1 / d->finest(),
+                        d->velocity() ? ", carried by its velocity" : "");
   return text + "; " + phase_text(m.phase()) + "; " + depth_text(m);
 }
 

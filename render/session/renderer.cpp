@@ -11,6 +11,7 @@
 #include "render/session/render_session.h"
 #include "render/session/scene_notes.h"
 #include "render/transport/emission.h"
+#include "render/transport/lane_detail.h"
 #include "render/transport/wavefront.h"
 
 namespace brume {
@@ -129,7 +130,9 @@ void PreparedScene::prepare_lanes(const Task& task) {
       displaced = {LaneGrid::of_values(medium.bricks()),
                    {LaneGrid::of_values(d->field.parts[0]), LaneGrid::of_values(d->field.parts[1]),
                     LaneGrid::of_values(d->field.parts[2])}};
-    grid = LaneGrid(medium.walked(), scene_.render.majorant_scale, task);
+    else if (medium.detail())
+      displaced.displacement = velocity_of(*medium.detail());
+    grid = LaneGrid(medium.walked(), scene_.render.majorant_scale * medium.majorant_factor(), task);
   }
   for (const EmissionField& field : context_.emissions)
     emission_grids_.push_back(LaneEmission::fits(field) ? LaneGrid(field.shape().bricks(), 1.0, task) : LaneGrid());

@@ -16,6 +16,7 @@ HWY_BEFORE_NAMESPACE();
 namespace brume::HWY_NAMESPACE {
 
 #include "render/transport/cell_walk.h"
+#include "render/transport/detail_noise.h"
 
 /// The next rays of a list. @param more(lane, slot)  called for each of them
 template <class More>
@@ -252,10 +253,14 @@ void march(const LaneScene& scene, const PathStates& paths, const SlotList& rays
     const V t0 = walk.t, t1 = hn::Min(t0 + length, crossing.until), part = t1 - t0;
     const V3 p = walk.at(t0 + offset * part);
     V value = zero;
-    if constexpr (kMoved)
-      value = displaced_density(scene, p, time);
-    else
+    V3 stored = p;
+    if constexpr (kMoved) {
+      stored = stored_at(scene, p, time);
+      value = density_at(scene.density, stored);
+    } else {
       value = one_voxel(walk, rng, p, brick_of(scene, cell_index, looks), looks);
+    }
+    if (scene.detail.octaves > 0) value = value * drawn_detail(scene.detail, stored, rng, looks);
     const V sigma = hn::IfThenElseZero(looks, value * scene.sigma);
     const V after = depth + sigma * part;
     for (size_t k = 0; k < kMarchedPoints; ++k) {

@@ -13,7 +13,7 @@ constexpr double kTentative = 8;   // tentative collisions wanted on a ray
 constexpr double kMostLoose = 16;  // largest factor on the majorants: look-ups have a cost
 
 double majorant_depth(const Medium& medium, const Ray& local) {
-  MajorantWalk walk(medium.bricks(), local, 0.0, kUnbounded);
+  MajorantWalk walk = medium.walk(local, 0.0, kUnbounded);
   MajorantWalk::Segment s;
   double depth = 0;
   while (walk.next(s)) depth += (s.t1 - s.t0) * s.majorant;

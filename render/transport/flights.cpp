@@ -17,15 +17,17 @@ HWY_BEFORE_NAMESPACE();
 namespace brume::HWY_NAMESPACE {
 
 #include "render/transport/cell_walk.h"
+#include "render/transport/detail_noise.h"
 
 enum class Walk { kFlight, kFirst, kShadow };
+/// What the density is: the interpolated values, the same with detail, or displaced, with or without detail.
+enum class Field { kStored, kDetailed, kMoved };
 
 /// Takes the rays of a list through the majorant cells, up to an end at `t_max` where kEnds. Free flights end at a
 /// real collision, whose position becomes the path's, or leave the grid; forced flights cross the whole grid
 /// (lanes_fly_first); shadow rays estimate their transmittance by ratio tracking. Where kColour, the hero channel
 /// decides for all, and each channel's share of what happened is accounted for (docs/methods.md, Spectral tracking).
-/// kMoved: the density is displaced.
-template <Walk kWalk, bool kEnds, bool kColour, bool kMoved>
+template <Walk kWalk, bool kEnds, bool kColour, Field kField>
 class Tracker {
  public:
   HWY_INLINE Tracker(const LaneScene& scene, PathStates& paths, const SlotList& rays, SlotList* hits, SlotList* escapes,
@@ -48,6 +50,7 @@ class Tracker {
 
  private:
   static constexpr bool kShadow = kWalk == Walk::kShadow, kFirst = kWalk == Walk::kFirst;
+  static constexpr bool kMoved = kField == Field::kMoved;
   static constexpr size_t kMost = RayQueue::kMost;
 
   HWY_INLINE void finish() {
@@ -143,11 +146,14 @@ class Tracker {
     const V3 p = walk_.at(walk_.t);
     V value = hn::Zero(d);
     if constexpr (kMoved) {
-      value = hn::IfThenElseZero(collides, displaced_density(scene_, p, time_));
+      const V3 stored = stored_at(scene_, p, time_);
+      value = hn::IfThenElseZero(collides, density_at(scene_.density, stored));
+      if (scene_.detail.octaves > 0) value = value * drawn_detail(scene_.detail, stored, rng_, collides);
     } else {
       const VI brick = brick_of(scene_, cell_index, collides);
       value = scene_.interpolate ? hn::IfThenElseZero(collides, interpolated(scene_, brick, walk_.within(p)))
                                  : one_voxel(walk_, rng_, p, brick, collides);
+      if (kField == Field::kDetailed) value = value * drawn_detail(scene_.detail, p, rng_, collides);
     }
     lookups_ += hn::CountTrue(d, collides);
     // 24 random bits are enough for roulette only: a collision may be less likely than 2^-24.
@@ -231,35 +237,46 @@ class Tracker {
   uint32_t collided_ = 0;
 };
 
-template <Walk kWalk, bool kEnds, bool kColour = false, bool kMoved = false>
+using Track = void (*)(const LaneScene&, PathStates&, const SlotList&, SlotList*, SlotList*, uint64_t&);
+template <Walk kWalk, bool kEnds, bool kColour, Field kField>
 void track(const LaneScene& scene, PathStates& paths, const SlotList& rays, SlotList* hits, SlotList* escapes,
            uint64_t& lookups) {
-  Tracker<kWalk, kEnds, kColour, kMoved>(scene, paths, rays, hits, escapes, lookups).run();
+  Tracker<kWalk, kEnds, kColour, kField>(scene, paths, rays, hits, escapes, lookups).run();
+}
+
+/// Rays through what moves have ends, as those through what is chromatic.
+template <Walk kWalk>
+Track tracker(const LaneScene& scene, bool ends) {
+  if (scene.displaced)
+    return scene.chromatic ? track<kWalk, true, true, Field::kMoved> : track<kWalk, true, false, Field::kMoved>;
+  if (scene.detail.octaves > 0)
+    return scene.chromatic ? track<kWalk, true, true, Field::kDetailed>
+           : ends          ? track<kWalk, true, false, Field::kDetailed>
+                           : track<kWalk, false, false, Field::kDetailed>;
+  return scene.chromatic ? track<kWalk, true, true, Field::kStored>
+         : ends          ? track<kWalk, true, false, Field::kStored>
+                         : track<kWalk, false, false, Field::kStored>;
 }
 
 void Flight(const LaneScene& scene, PathStates& paths, const SlotList& rays, SlotList& hits, SlotList& escapes,
             uint64_t& lookups) {
-  const auto flight = scene.displaced     ? scene.chromatic ? track<Walk::kFlight, true, true, true>
-                                                            : track<Walk::kFlight, true, false, true>
-                          : scene.chromatic ? track<Walk::kFlight, true, true>
-                      : scene.flights_end ? track<Walk::kFlight, true>
-                                          : track<Walk::kFlight, false>;
-  flight(scene, paths, rays, &hits, &escapes, lookups);
+  tracker<Walk::kFlight>(scene, scene.flights_end)(scene, paths, rays, &hits, &escapes, lookups);
+}
+
+/// Of one grey grid that stands still.
+template <Field kField>
+Track first_tracker(const LaneScene& scene) {
+  return scene.flights_end ? track<Walk::kFirst, true, false, kField> : track<Walk::kFirst, false, false, kField>;
 }
 
 void First(const LaneScene& scene, PathStates& paths, const SlotList& rays, SlotList& hits, SlotList& escapes,
            uint64_t& lookups) {
-  (scene.flights_end ? track<Walk::kFirst, true> : track<Walk::kFirst, false>)(scene, paths, rays, &hits, &escapes,
-                                                                               lookups);
+  (scene.detail.octaves > 0 ? first_tracker<Field::kDetailed>(scene) : first_tracker<Field::kStored>(scene))(
+      scene, paths, rays, &hits, &escapes, lookups);
 }
 
 void Shadow(const LaneScene& scene, PathStates& paths, const SlotList& rays, uint64_t& lookups) {
-  const auto shadow = scene.displaced     ? scene.chromatic ? track<Walk::kShadow, true, true, true>
-                                                            : track<Walk::kShadow, true, false, true>
-                          : scene.chromatic ? track<Walk::kShadow, true, true>
-                      : scene.shadows_end ? track<Walk::kShadow, true>
-                                          : track<Walk::kShadow, false>;
-  shadow(scene, paths, rays, nullptr, nullptr, lookups);
+  tracker<Walk::kShadow>(scene, scene.shadows_end)(scene, paths, rays, nullptr, nullptr, lookups);
 }
 
 }  // namespace brume::HWY_NAMESPACE

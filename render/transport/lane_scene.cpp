@@ -40,7 +40,7 @@ void set_medium(LaneScene& s, const Medium& medium, double first_majorant) {
     const dvec3 g = medium.gradient_to_world(axis);
     for (int row = 0; row < 3; ++row) s.gradient_to_world[row][column] = static_cast<float>(g[row] * s.unit);
   }
-  s.least_gradient = static_cast<float>(kLeastGradient * medium.maximum_density());
+  s.least_gradient = static_cast<float>(kLeastGradient * medium.maximum_density() / medium.majorant_factor());
   s.coloured = medium.coloured() || (medium.instances() && medium.instances()->tinted());
   if (medium.phase().is_henyey_greenstein())
     s.g = static_cast<float>(medium.phase().first.g);
@@ -109,6 +109,7 @@ LaneScene lane_scene(const PathContext& context, size_t number, WorldPaths& worl
     s.isosurface_cell = grid.isosurface_cell.data();
     s.isosurface_density = static_cast<float>(context.isosurface_density * medium.maximum_density());
     if (const Displacement* const d = medium.displacement()) set_displacement(s, *d, context.displaced_grids[number]);
+    if (medium.detail()) s.detail = lane_detail(*medium.detail(), context.displaced_grids[number].displacement);
   }
   set_medium(s, medium, context.plan.first_collision.majorant);
   s.stop = context.stop;

@@ -3,6 +3,8 @@
 #include <cstdint>
 
 #include "render/transport/integrator.h"
+#include "render/transport/lane_cells.h"
+#include "render/transport/lane_detail.h"
 #include "render/transport/path_states.h"
 #include "volume/lane_grid.h"
 
@@ -12,26 +14,12 @@ namespace brume {
 
 struct WorldPaths;
 
-/// A LaneGrid as the kernels read it.
-struct LaneCells {
-  const float* majorant;
-  const int32_t* brick;
-  const float* values;
-  float nx, ny, nz;
-  int32_t nz_int;
-  float cell, inverse_cell;  ///< voxels along a cell
-  int32_t stored;            ///< values along a brick
-};
-
 /// Suns that the kernels can hold.
 inline constexpr size_t kMostLaneSuns = 16;
 
 /// The lanes' unit of ray parameters, in world units: the power of two nearest to a voxel's size. In it, local
 /// directions are about 1 long whatever the world's scale, and converting rounds nothing.
 double lane_unit(const Medium& medium);
-
-/// @param cells  refers to the grid afterwards
-void set_cells(LaneCells& cells, const LaneGrid& grid);
 
 /// A medium of the scene, whose cells these are, and the scene's lights.
 struct LaneScene : LaneCells {
@@ -55,6 +43,7 @@ struct LaneScene : LaneCells {
   LaneCells displacement[3];   ///< per frame; without values where it is 0
   float origin_shift[3] = {};  ///< from the density's coordinates to those of displacement and envelope
   float open = 0, close = 0;   ///< of the shutter, in frames
+  LaneDetail detail;
   int roulette_start;
   int max_events;
   bool interpolate;

@@ -4,6 +4,7 @@
 
 #include "render/transport/emission.h"
 #include "render/transport/integrator.h"
+#include "render/transport/lane_detail.h"
 #include "render/world/camera.h"
 #include "render/world/surfaces.h"
 #include "volume/lane_grid.h"
@@ -17,6 +18,7 @@ Precision precision_for(const Medium& m) {
       if (!part.empty() && !LaneGrid::fits(part)) return Precision::kDouble;
     if (!LaneGrid::fits(d->envelope)) return Precision::kDouble;
   }
+  if (m.detail() && !velocity_fits(*m.detail())) return Precision::kDouble;
   const Medium most = m.thickest();
   const double longest_voxel =
       most.voxel_volume() / (most.voxel_size() * most.voxel_size());  // at least its longest edge
@@ -91,10 +93,11 @@ Plan make_plan(const Scene& scene, const SceneMedia& media, const Lights& lights
   if (!plan.holdouts) plan.near_lights = choose_near_lights(all, lights, scene.render.near_lights);
   plan.interpolate = scene.render.lookup == "interpolated";
   plan.one_grid = is_one_grid(plan, media, lights);
-  plan.seen_emission = plan.emission && plan.has_media() && !plan.moving_media && !plan.instances &&
-                       std::find(plan.media.begin(), plan.media.end(), Precision::kDouble) == plan.media.end() &&
-                       std::none_of(all.begin(), all.end(), [](const Medium& m) { return m.falls_off(); }) &&
-                       std::all_of(fields.begin(), fields.end(), LaneEmission::fits);
+  plan.seen_emission =
+      plan.emission && plan.has_media() && !plan.moving_media && !plan.instances &&
+      std::find(plan.media.begin(), plan.media.end(), Precision::kDouble) == plan.media.end() &&
+      std::none_of(all.begin(), all.end(), [](const Medium& m) { return m.falls_off() || m.detail(); }) &&
+      std::all_of(fields.begin(), fields.end(), LaneEmission::fits);
   if (plan.one_grid && (!plan.emission || plan.seen_emission)) {  // else emission is integrated along free flights
     std::vector<Ray> rays;
     for (const PathRequest& r : coarse_requests(scene, plan, camera, 24, 1)) rays.push_back(r.ray);

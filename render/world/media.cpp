@@ -41,7 +41,7 @@ bool reads_the_same(const VolumeSettings& a, const VolumeSettings& b) {
                       v.temperature_grid, v.flame_grid, v.velocity_grid, v.velocity_scale, v.placement.voxel_size,
                       v.placement.origin, arrays ? v.grids->content : std::string(), v.albedo_file, v.temperature_file,
                       v.flame_file, v.velocity_file, v.time.between, v.moment.later ? v.moment.share : 0,
-                      v.moment.frames, v.moment.rate);
+                      v.moment.frames, v.moment.rate, carries_detail(v));
   };
   const bool later = a.moment.later != nullptr;
   return read(a) == read(b) && later == (b.moment.later != nullptr) &&
@@ -160,7 +160,7 @@ class SceneMedia::Loader {
         named_(v_.file.empty() ? file_ : v_.file.string()),
         moves_(v_.object_to_world_end != dmat4(0.0)),
         shutter_opens_(scene_.camera.shutter.y > scene_.camera.shutter.x),
-        fields_(v_, shutter_opens_ && v_.velocity_grid != "none", into.notes_, task) {}
+        fields_(v_, (shutter_opens_ && v_.velocity_grid != "none") || carries_detail(v_), into.notes_, task) {}
 
   void load() {
     check_transform(v_.object_to_world, "object_to_world");
@@ -304,14 +304,16 @@ class SceneMedia::Loader {
     }
     Medium medium(density.bricks, world_from(density.world_from_index), {v_.sigma_t, v_.albedo}, phase_of(v_));
     if (v_.albedo_grid != "none" && !medium.empty()) load_colour_into(medium);
-    if (v_.velocity_grid != "none" && !shutter_opens_ && !v_.time.given)
+    if (v_.velocity_grid != "none" && !shutter_opens_ && !v_.time.given && !has_detail(v_))
       note("velocity_grid is set but camera.shutter opens and closes at once: no motion blur");
     set_in_motion(medium, density, volume_->displacement);
+    const Medium smooth = medium;
+    if (has_detail(v_) && !medium.empty()) add_detail(medium, density);
     if (!medium.empty() && medium.extinction_per_density() > 0)
       add_medium(medium,
                  density.world_from_index * translation(v_.index_offset) * translation(dvec3(density.bricks.origin())));
     if (const double highest = density.bricks.maximum(); v_.emission != dvec3(0) && !medium.empty())
-      into_.emissions_.emplace_back(medium,
+      into_.emissions_.emplace_back(smooth,
                                     EmissionRamp::of_colours({{0.0, dvec3(0)}, {highest, v_.emission * highest}}, 1.0));
   }
 
@@ -365,12 +367,29 @@ class SceneMedia::Loader {
     count("albedo colour", colour.bricks.bytes());
   }
 
-  void displace(Medium& shape, const ScalarField& field, Displacement& displacement) {
-    if (!fresh_) {
-      if (!displacement.envelope.empty()) shape.set_displacement(displacement);
-      return;
+  /// Noise that follows the velocity, where there is one.
+  void add_detail(Medium& medium, const ScalarField& density) {
+    const VolumeDetail& d = v_.detail;
+    const auto detail = std::make_shared<Detail>(Detail::Settings{d.amplitude, d.frequency, d.octaves, d.seed},
+                                                 density.bricks.origin());
+    Displacement& flow = volume_->displacement;
+    if (carries_detail(v_) && !still_ && fresh_ && flow.field.parts[0].empty() && flow.field.parts[1].empty() &&
+        flow.field.parts[2].empty()) {
+      load_displacement(density, flow, dvec2(0));
+      flow.envelope = {};
     }
-    const dvec2 shutter = v_.moment.rate * scene_.camera.shutter;  // in frames of the volume
+    if (carries_detail(v_) && flow.field.bytes() > 0) detail->carry(flow, frame_of(v_, scene_.render.frame));
+    medium.set_detail(*detail);
+    into_.details_.push_back(detail);
+  }
+
+  void displace(Medium& shape, const ScalarField& field, Displacement& displacement) {
+    if (fresh_) load_displacement(field, displacement, v_.moment.rate * scene_.camera.shutter);
+    if (!displacement.envelope.empty()) shape.set_displacement(displacement);
+  }
+
+  /// @param shutter  in frames of the volume
+  void load_displacement(const ScalarField& field, Displacement& displacement, const dvec2& shutter) {
     try {
       if (of_arrays()) {
         for (const std::string& line : v_.grids->velocity->notes)
@@ -382,11 +401,11 @@ class SceneMedia::Loader {
       }
     } catch (const NoSuchGrid& error) {
       if (v_.velocity_grid != kAuto) throw;
-      note(fmt::format("{}: \"auto\" finds none, and nothing is blurred by its motion", error.what()));
+      note(fmt::format("{}: \"auto\" finds none, and nothing is {}", error.what(),
+                       shutter_opens_ ? "blurred by its motion" : "carried along"));
       still_ = true;
       return;
     }
-    shape.set_displacement(displacement);
     count("velocity of " + field.summary.name, displacement.field.bytes() + displacement.envelope.bytes());
   }
 

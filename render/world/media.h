@@ -49,6 +49,7 @@ class SceneMedia {
   // Fields sit behind pointers: media refer to them.
   std::vector<std::shared_ptr<Volume>> volumes_;
   std::vector<std::shared_ptr<const Instances>> instances_;
+  std::vector<std::shared_ptr<const Detail>> details_;
   std::vector<Medium> media_;
   std::vector<Origin> origins_;  // by medium
   std::vector<EmissionField> emissions_;

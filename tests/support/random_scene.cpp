@@ -20,6 +20,8 @@ namespace fs = std::filesystem;
 
 // Seeds beyond it hold a layer of fog, too; the others are the scenes that they were before there was one.
 constexpr uint64_t kLastWithoutFog = 1000;
+// The same of detail in most of the grids.
+constexpr uint64_t kLastWithoutDetail = 2000;
 
 std::string text_of(double v) {
   return fmt::format("{:.3g}", v);
@@ -142,6 +144,7 @@ class Writer {
     if (body.grid) {
       is("grid");
       grid(body);
+      if (seed_ > kLastWithoutDetail && chance(0.8)) detail();
     } else {
       is(shape == 0 ? "box" : "sphere");
       name("shape", shape == 0 ? "box" : "sphere");
@@ -184,6 +187,14 @@ class Writer {
       is("emissive");
       line("emission", 0.3 / body.radius * tint(0.1, 1));
     }
+  }
+
+  void detail() {
+    is("detail");
+    const double amplitude = between(0.3, 1), frequency = between_logarithmically(0.15, 1.5);
+    const int octaves = 1 + below(4), seed = below(100);
+    line("detail", fmt::format("{{ amplitude = {}, frequency = {}, octaves = {}, seed = {} }}", text_of(amplitude),
+                               text_of(frequency), octaves, seed));
   }
 
   /// A layer that falls off with height, around everything or in a box.
