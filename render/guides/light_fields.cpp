@@ -250,8 +250,8 @@ void LightFields::solve(GuideLight& light, const LightSolve& solving, Scattering
   ScatteringSolver& fine = solving.solver;
   Radiance arriving = light.arriving(solving);
   if (!light.sharp() && !light.sky()) light.unscattered = arriving;
-  // Of light from one direction the first scattering is known better than by its moments.
-  const bool beam = light.sharp() && fine.second_moments();
+  // Of a lamp's light, which may be a narrow beam, the first scattering is known better than by its moments.
+  const bool beam = light.sharp() && !light.sharp()->sun() && fine.second_moments();
   Radiance of_beam = beam ? fine.transport_beam(arriving) : Radiance();
   Source scattered = fine.scatter(std::move(arriving));
   for (size_t g = 0; g < first.size(); ++g)

@@ -15,47 +15,29 @@ namespace {
 constexpr int kDirections = 24;
 // Least of 5 P2 of what is left of scattering, on average, for it to be followed.
 constexpr double kLeastQuadratic = 0.25;
-// Mean cosines of a cell of directions, and of what stands for a peak among cells.
-constexpr double kCapMeanCosine = 0.96, kPeakMeanCosine = 0.9;
+// In which beams are scattered first, of which so many are swept together; the mean cosine of what stands for a peak
+// there.
+constexpr int kBeamDirections = 96;
+constexpr size_t kTogether = 4;
+constexpr double kPeakMeanCosine = 0.75;
 constexpr int kNear = 4;  // nodes around the media in which light that has left them is followed
-
-/// How light from nearly one direction is scattered towards ScatteringSolver::directions. Over the cell that each
-/// stands for, and over the directions that it comes from, a phase function is one of a smaller mean cosine. The
-/// forward peak, which counts as not scattered, is taken off around the beam.
-class BeamPhase {
- public:
-  /// @param flux  over the mean radiance: as short as the directions are apart   @param g  mean cosine
-  /// @return  of sum 1
-  const std::array<double, kDirections>& shares(const dvec3& flux, double g) {
-    constexpr double kSame = 1e-4;  // nodes beside one another often have the same
-    if (glm::distance(flux, flux_) < kSame && std::abs(g - g_) < kSame) return shares_;
-    flux_ = flux;
-    g_ = g;
-    const double length = glm::length(flux), narrow = std::min(1.0, length);
-    const dvec3 along = length > 0 ? flux / length : dvec3(0, 0, 1);
-    const HenyeyGreenstein all{kCapMeanCosine * g * narrow}, of_peak{kPeakMeanCosine * narrow};
-    std::array<double, kDirections> peak;
-    double sum = 0, peaks = 0, left = 0;
-    for (size_t k = 0; k < kDirections; ++k) {
-      const double cosine = std::clamp(glm::dot(ScatteringSolver::directions()[k], along), -1.0, 1.0);
-      sum += shares_[k] = all.value(cosine);
-      peaks += peak[k] = of_peak.value(cosine);
-    }
-    for (size_t k = 0; k < kDirections; ++k)
-      left += shares_[k] = std::max(0.0, shares_[k] / sum - peak_weight(g) * peak[k] / peaks);
-    for (double& share : shares_) share /= left;
-    return shares_;
-  }
-
- private:
-  dvec3 flux_{0};
-  double g_ = -2;
-  std::array<double, kDirections> shares_{};
-};
 
 /// Whether a direction is swept along z, in arrays that have it slowest.
 bool lies(const dvec3& d) {
   return std::abs(d.z) > std::max(std::abs(d.x), std::abs(d.y));
+}
+
+/// Directions in which beams are scattered first: more, as a narrow beam is seen from few of any.
+const std::vector<dvec3>& beam_directions() {
+  static const std::vector<dvec3> all = spiral_of_directions(kBeamDirections);
+  return all;
+}
+
+/// The bundle that a direction is swept in: its largest component and the sign of that.
+size_t bundle_of(const dvec3& d) {
+  int axis = std::abs(d.y) > std::abs(d.x) ? 1 : 0;
+  if (lies(d)) axis = 2;
+  return static_cast<size_t>(2 * axis + (d[axis] > 0 ? 1 : 0));
 }
 
 }  // namespace
@@ -143,10 +125,7 @@ ScatteringSolver::ScatteringSolver(const Lattice& lattice, const Task& task) : l
   for (size_t a = 0; a < 4; ++a) y_major_source_[a] = NodeValues(y_major_.size());
   for (NodeValues* field : {&y_major_extinction_, &y_major_scaled_}) *field = NodeValues(y_major_.size());
   for (size_t k = 0; k < directions().size(); ++k) {
-    const dvec3 d = directions()[k];
-    int axis = std::abs(d.y) > std::abs(d.x) ? 1 : 0;
-    if (lies(d)) axis = 2;
-    bundles_[static_cast<size_t>(2 * axis + (d[axis] > 0 ? 1 : 0))].directions.push_back(k);
+    bundles_[bundle_of(directions()[k])].directions.push_back(k);
   }
   for (size_t i = 0; i < bundles_.size(); ++i) {
     bundles_[i].y_major = i >= 4;
@@ -280,9 +259,14 @@ SweepDomain ScatteringSolver::near(const Bundle& bundle) const {
 }
 
 std::vector<SweepBeam> ScatteringSolver::beams(const Bundle& bundle) const {
+  std::vector<dvec3> own;
+  for (const size_t k : bundle.directions) own.push_back(directions()[k]);
+  return beams(bundle, own);
+}
+
+std::vector<SweepBeam> ScatteringSolver::beams(const Bundle& bundle, const std::vector<dvec3>& along) const {
   std::vector<SweepBeam> beams;
-  for (const size_t k : bundle.directions) {
-    const dvec3 d = directions()[k];
+  for (const dvec3& d : along) {
     SweepBeam& beam = beams.emplace_back();
     beam.direction = bundle.y_major ? std::array{d.z, d.x, d.y} : std::array{d.x, d.y, d.z};
     beam.factor = moments_of(d);
@@ -415,34 +399,53 @@ Radiance ScatteringSolver::transport(Source scattered) {
   return light;
 }
 
+// Over the directions that the beam comes from the phase function is one of a smaller mean cosine; its forward peak,
+// which counts as not scattered, is taken off around the beam.
 Radiance ScatteringSolver::transport_beam(const Radiance& arriving) {
+  constexpr double kShare = static_cast<double>(kDirections) / kBeamDirections;  // gather() takes means over fewer
   Radiance light = nothing<Radiance>(kMostMoments);
-  std::array<NodeValues, kDirections> sources;
-  for (size_t k = 0; k < sources.size(); ++k)
-    sources[k] = NodeValues(lies(directions()[k]) ? y_major_.size() : z_major_.size());
-  parallel_for(lattice_.n.x, task_, [&](int x) {
-    BeamPhase phase;
-    for (int y = 0; y < lattice_.n.y; ++y) {
-      const SweepRow& row = rows_[static_cast<size_t>(x) * lattice_.n.y + y];
-      for (int z = row.begin; z < std::min(row.end, lattice_.n.z); ++z) {
-        const size_t i = lattice_.index(x, y, z);
-        const auto mean = static_cast<double>(arriving[0][i]);
-        if (!(mean > 0)) continue;
-        const auto& shares =
-            phase.shares(dvec3(arriving[1][i], arriving[2][i], arriving[3][i]) / mean, static_cast<double>(cosine_[i]));
-        const double scattered = kDirections * static_cast<double>(scaled_[i]) * static_cast<double>(albedo_[i]) * mean;
-        const size_t turned = (static_cast<size_t>(z) * lattice_.n.x + x) * y_major_.row + y;
-        for (size_t k = 0; k < sources.size(); ++k)
-          sources[k][lies(directions()[k]) ? turned : i] = static_cast<float>(scattered * shares[k]);
-      }
-    }
-  });
   each_bundle(kMostMoments, [&](const Bundle& bundle, std::span<float* const> moments, bool adds) {
     SweepDomain domain = near(bundle);
     domain.rows = domain.kept;
-    std::vector<SweepBeam> swept = beams(bundle);
-    for (size_t k = 0; k < swept.size(); ++k) swept[k].source = sources[bundle.directions[k]].data();
-    sweep(domain, {bundle.y_major ? y_major_scaled_.data() : scaled_.data(), {}, kMostMoments}, swept, moments, adds);
+    std::array<NodeValues, kTogether> sources;
+    for (NodeValues& values : sources) values = NodeValues(domain.size());
+    std::vector<dvec3> some;
+    const auto sweep_some = [&] {
+      if (some.empty()) return;
+      for (int x = 0; x < lattice_.n.x; ++x)
+        for (int y = 0; y < lattice_.n.y; ++y) {
+          const SweepRow& row = rows_[static_cast<size_t>(x) * lattice_.n.y + y];
+          for (int z = row.begin; z < std::min(row.end, lattice_.n.z); ++z) {
+            const size_t i = lattice_.index(x, y, z);
+            const size_t to = bundle.y_major ? (static_cast<size_t>(z) * lattice_.n.x + x) * y_major_.row + y : i;
+            const double mean = static_cast<double>(arriving[0][i]);
+            if (!(mean > 0)) continue;
+            const dvec3 flux(arriving[1][i], arriving[2][i], arriving[3][i]);
+            const double length = glm::length(flux), narrow = std::min(1.0, length / mean);
+            const auto g = static_cast<double>(cosine_[i]);
+            const double peak = peak_weight(g);
+            const HenyeyGreenstein all{g * narrow}, of_peak{kPeakMeanCosine * narrow};
+            const double scattered =
+                4 * kPi * kShare * mean * static_cast<double>(scaled_[i] * albedo_[i]) / (1 - peak);
+            for (size_t k = 0; k < some.size(); ++k) {
+              const double cosine = length > 0 ? std::clamp(glm::dot(some[k], flux) / length, -1.0, 1.0) : 0.0;
+              sources[k][to] =
+                  static_cast<float>(scattered * std::max(0.0, all.value(cosine) - peak * of_peak.value(cosine)));
+            }
+          }
+        }
+      std::vector<SweepBeam> swept = beams(bundle, some);
+      for (size_t k = 0; k < swept.size(); ++k) swept[k].source = sources[k].data();
+      sweep(domain, {bundle.y_major ? y_major_scaled_.data() : scaled_.data(), {}, kMostMoments}, swept, moments, adds);
+      adds = true;
+      some.clear();
+    };
+    for (const dvec3& d : beam_directions()) {
+      if (&bundles_[bundle_of(d)] != &bundle) continue;
+      some.push_back(d);
+      if (some.size() == kTogether) sweep_some();
+    }
+    sweep_some();
   });
   gather(light);
   return light;

@@ -132,7 +132,7 @@ class ScatteringSolver {
   Radiance transport(Source scattered);
   Radiance transport(const Emission& emission);
   /// Light that arrives at every node from nearly one direction, scattered by the phase function itself and streamed
-  /// on. Called where second_moments().
+  /// on in four times as many directions. Called where second_moments().
   Radiance transport_beam(const Radiance& arriving);
   /// What `fine`, whose lattice has half the spacing, sends out at this lattice's nodes.
   Emission emission_from(const ScatteringSolver& fine, const Source& scattered) const;
@@ -215,6 +215,8 @@ class ScatteringSolver {
     task_.check();
   }
   std::vector<SweepBeam> beams(const Bundle& bundle) const;
+  /// Of some directions that are swept together in it.
+  std::vector<SweepBeam> beams(const Bundle& bundle, const std::vector<dvec3>& along) const;
   /// Its domain, with results kept near the media.
   SweepDomain near(const Bundle& bundle) const;
   void sweep_sources(const Emission& source, size_t count, size_t moments);

@@ -225,7 +225,7 @@ Radiance SunLight::arriving(const LightSolve& solve) {
   const ScatteringSolver& solver = solve.solver;
   lattice_ = solver.lattice();
   if (solve.surfaces) visible_ = NodeValues(lattice_.size());
-  Radiance light = solver.nothing<Radiance>(solver.moments());
+  Radiance light = solver.nothing<Radiance>();
   solver.each_node([&](int x, int y, int z, size_t i) {
     const dvec3 p = lattice_.node(x, y, z);
     const double share = solve.passage({p, towards()}, kFar);

@@ -249,8 +249,7 @@ TEST(BrightPixels, AreNotFoundInSkewedNoise) {
 // Near a lamp in fog a pixel may outshine all around it: where the guides say so, it is no single sample.
 TEST(BrightPixels, ThatGuidesPredictAreNotLimited) {
   constexpr float kValue = 60;
-  const Layers frame =
-      with_bright_pixel(sampled_frame(128, 128, 16, 0.2, 8, flat), kValue, /*one_sample=*/true);
+  const Layers frame = with_bright_pixel(sampled_frame(128, 128, 16, 0.2, 8, flat), kValue, /*one_sample=*/true);
   const auto found = [&](int x, float predicted) {
     Layers guided = frame;
     for (Plane* p : guided.add_rgb(guide_layer::predicted_indirect)) (*p)(x, 60) = predicted;
