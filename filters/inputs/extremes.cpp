@@ -4,6 +4,7 @@
 #include <cmath>
 
 #include "filters/inputs/guide_layers.h"
+#include "filters/inputs/half_pair.h"
 #include "filters/inputs/noise.h"
 #include "image/color.h"
 
@@ -74,15 +75,21 @@ float scaled(float value, double factor, bool squared) {
   return static_cast<float>(static_cast<double>(value) * (squared ? factor * factor : factor));
 }
 
-/// What the guides expect of one colour of a signal; empty where the frame has none.
+/// The layers of guides that add up to what is expected of a signal; none where the frame has no guides.
+std::vector<LayerName> predictions_of(const Layers& frame, const LayerName& signal) {
+  std::vector<LayerName> found;
+  for (const auto& [part, guide] : {std::pair(layer::direct, guide_layer::predicted_direct),
+                                    std::pair(layer::indirect, guide_layer::predicted_indirect)})
+    if ((signal == part || signal == layer::beauty) && frame.has(guide)) found.push_back(guide);
+  return found;
+}
+
+/// One colour of what is expected of a signal; empty where the frame has no guides.
 Plane predicted(const Layers& frame, const LayerName& signal, size_t c, const Task& task) {
   Plane sum;
-  for (const auto& [part, guide] : {std::pair(layer::direct, guide_layer::predicted_direct),
-                                    std::pair(layer::indirect, guide_layer::predicted_indirect)}) {
-    if (!(signal == part || signal == layer::beauty) || !frame.has(guide)) continue;
+  for (const LayerName& guide : predictions_of(frame, signal)) {
     if (sum.empty()) sum = Plane(frame.width(), frame.height());
-    const Plane& part_of = frame.at(guide.channel(c));
-    for_each_pixel(frame.width(), frame.height(), quiet(task), [&](int x, int y) { sum(x, y) += part_of(x, y); });
+    add_to(sum, 1, frame.at(guide.channel(c)), task);
   }
   return sum;
 }
@@ -134,6 +141,12 @@ std::vector<Extreme> find_extremes(const Layers& frame, const LayerName& signal,
     a = frame.rgb(signal, statistic::half_a);
     b = frame.rgb(signal, statistic::half_b);
   }
+  const std::vector<LayerName> predictions = predictions_of(frame, signal);
+  const auto expected = [&](int x, int y) {
+    double sum = 0;
+    for (const LayerName& l : predictions) sum += luminance_at(frame.rgb(l), space, x, y);
+    return sum;
+  };
   std::vector<std::vector<Extreme>> rows(static_cast<size_t>(height));
   for_each_row(height, quiet(task), [&](int y) {
     std::vector<double> values;
@@ -142,6 +155,8 @@ std::vector<Extreme> find_extremes(const Layers& frame, const LayerName& signal,
       const double n = counts ? static_cast<double>((*counts)(x, y)) : samples;
       const double ratio = std::max(kLeastRatio, kRatioOfOneSample / std::sqrt(std::max(1.0, n)));
       if (!(light > ratio * typical)) continue;
+      const double known = expected(x, y);
+      if (!(light > ratio * (known + typical))) continue;
       int around = 0, like_it = 0;
       double brightest = 0;
       for_each_around(x, y, kArea, width, height, [&](int qx, int qy) {
@@ -151,7 +166,7 @@ std::vector<Extreme> find_extremes(const Layers& frame, const LayerName& signal,
         ++around;
       });
       if (2 * like_it >= around) continue;
-      const double level = surrounding_level(mean, space, x, y, values);
+      const double level = std::max(known, surrounding_level(mean, space, x, y, values));
       if (!(light > ratio * (level + typical))) continue;
       const bool kept = halves ? both_show(a, b, space, light, x, y) : kLoneRatio * brightest > light;
       rows[static_cast<size_t>(y)].push_back({x, y, level / light, kept});

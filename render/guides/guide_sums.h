@@ -1,6 +1,8 @@
 #pragma once
 #include <algorithm>
 #include <array>
+#include <cstdint>
+#include <optional>
 #include <vector>
 
 #include "base/vec.h"
@@ -27,6 +29,9 @@ struct GuideTotals {
   vec3 normal{0}, surface_albedo{0}, material{0}, indirect{0};
   dvec3 mirrored{0}, mirrored_indirect{0};
   double surface_depth = 0;
+  /// What the rays off a sharp metal end on; whether they end on unlike things.
+  std::optional<int64_t> mirrored_end;
+  bool mirrored_edge = false;
   dvec3 tinted_direct{0}, tinted_indirect{0};  ///< light of media of unlike tints, in all colours
 };
 

@@ -42,6 +42,11 @@ void GuideTile::record(const ivec2& corner, const ivec2& from, const ivec2& to, 
   if (across > 1 && rays.blurred())
     for (const size_t p : plain)
       if (!(traced_[p].alike && traced_[p].most - traced_[p].least < kAlike)) at_edges.push_back(p);
+  if (!march_.sketch_)
+    for (const size_t p : plain)
+      if (pixels_[p].mirrored_edge && traced_[p].across == across) at_edges.push_back(p);
+  std::sort(at_edges.begin(), at_edges.end());
+  at_edges.erase(std::unique(at_edges.begin(), at_edges.end()), at_edges.end());
   trace(at_edges, PixelRays::kMostAcross);
 
   size_t p = 0;

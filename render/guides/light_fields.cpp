@@ -250,16 +250,21 @@ void LightFields::solve(GuideLight& light, const LightSolve& solving, Scattering
   ScatteringSolver& fine = solving.solver;
   Radiance arriving = light.arriving(solving);
   if (!light.sharp() && !light.sky()) light.unscattered = arriving;
+  // Of a lamp's light, which may be a narrow beam, the first scattering is known better than by its moments.
+  const bool beam = light.sharp() && !light.sharp()->sun() && fine.second_moments();
+  Radiance of_beam = beam ? fine.transport_beam(arriving) : Radiance();
   Source scattered = fine.scatter(std::move(arriving));
   for (size_t g = 0; g < first.size(); ++g)
-    light.orders.push_back(g < GuideLight::kFineGuides ? fine.nothing<Source>() : coarse.nothing<Source>());
+    light.orders.push_back(g == 0 ? fine.nothing<Source>(scattered.known())
+                                  : (g < GuideLight::kFineGuides ? fine : coarse).nothing<Source>());
   Source fine_orders;
   if (ambient_light_) fine_orders = scattered;
   size_t g = 0;
   for (int order = 2; order < first[GuideLight::kFineGuides]; ++order) {
-    scattered = fine.scatter(fine.transport(std::move(scattered)));
+    scattered = fine.scatter(beam && order == 2 ? std::move(of_beam) : fine.transport(std::move(scattered)));
     if (order >= first[g + 1]) ++g;
     fine.add(scattered, light.orders[g]);
+    scattered.drop_second();
     if (ambient_light_) fine.add(scattered, fine_orders);
   }
   const Emission emission = coarse.emission_from(fine, scattered);

@@ -12,6 +12,10 @@ constexpr double kAlikeNormals = 0.98;  // cosine
 constexpr double kFlat = 0.15;          // distance off the middle's plane, of that from the middle
 // Of all light in the middle: what corners may differ by, and what lies between them may be wrong by, in each group.
 constexpr double kAlike = 0.4, kExact = 0.02;
+// What light differs by from what lies between the pixels on either side, of the largest, where shadows end, and the
+// points across that it is then found at.
+constexpr double kShadowEdge = 0.1;
+constexpr int kEdgeAcross = 3;
 
 }  // namespace
 
@@ -36,14 +40,57 @@ LitPixels::Place LitPixels::lit(const SurfaceHit& hit, const ShadedPoint& at) co
 
 const LitPixels::Place& LitPixels::place(const ivec2& pixel, int ray, int across) {
   const auto [known, fresh] = places_.try_emplace({pixel.x, pixel.y, ray});
-  Place& to = known->second;
-  if (!fresh) return to;
-  const Ray along = march_.rays_.ray(march_.rays_.sample(pixel, ray, across));
+  if (fresh) known->second = place_along(march_.rays_.sample(pixel, ray, across));
+  return known->second;
+}
+
+LitPixels::Place LitPixels::place_along(const CameraSample& sample) const {
+  const Ray along = march_.rays_.ray(sample);
   const std::optional<SurfaceHit> hit = march_.rays_.first_hit(along);
-  if (!hit || march_.context_.lights->nearest(along, hit->t, /*seen=*/true).first) return to;
+  if (!hit || march_.context_.lights->nearest(along, hit->t, /*seen=*/true).first) return {};
   const ShadedPoint at(*march_.context_.surfaces, along, *hit);
-  if (at.diffuse()) to = lit(*hit, at);
-  return to;
+  return at.diffuse() ? lit(*hit, at) : Place();
+}
+
+bool LitPixels::at_shadow_edge(const Place& own, const ivec2& pixel, int ray, int across) {
+  const auto all = [](const Place& place) {
+    double sum = in_colour(place.light.scattered, kGrey);
+    for (const Lit& light : place.light.groups) sum += in_colour(light.direct + light.indirect, kGrey);
+    return sum;
+  };
+  const auto alike = [&](const Place& other) {
+    return other.surface == own.surface && other.inside == own.inside &&
+           glm::dot(other.normal, own.normal) > kAlikeNormals;
+  };
+  const double here = all(own);
+  for (const ivec2& step : {ivec2(1, 0), ivec2(0, 1)}) {
+    const Place &before = place(pixel - step, ray, across), &behind = place(pixel + step, ray, across);
+    if (!alike(before) || !alike(behind)) continue;
+    const double a = all(before), b = all(behind);
+    if (std::abs(0.5 * (a + b) - here) > kShadowEdge * std::max({a, b, here})) return true;
+  }
+  return false;
+}
+
+LitPixels::Light LitPixels::mean_around(const Place& own, const ivec2& pixel, int ray, int across) const {
+  Light sum{std::vector<Lit>(own.light.groups.size())};
+  double count = 0;
+  for (int i = 0; i < kEdgeAcross * kEdgeAcross; ++i) {
+    CameraSample sample = march_.rays_.sample(pixel, ray, across);
+    const dvec2 point = (dvec2(i % kEdgeAcross, i / kEdgeAcross) + 0.5) / static_cast<double>(kEdgeAcross);
+    sample.film += sample.cell * (point - 0.5);
+    const Place there = 2 * i + 1 == kEdgeAcross * kEdgeAcross ? own : place_along(sample);
+    if (there.surface != own.surface || there.inside != own.inside) continue;
+    sum.scattered += there.light.scattered;
+    for (size_t k = 0; k < sum.groups.size(); ++k) sum.groups[k].add(dvec3(1), there.light.groups[k]);
+    ++count;
+  }
+  sum.scattered /= count;
+  for (Lit& light : sum.groups) {
+    light.direct /= count;
+    light.indirect /= count;
+  }
+  return sum;
 }
 
 bool LitPixels::smooth(const ivec2& first, int side, int ray, int across) {
@@ -101,7 +148,9 @@ bool LitPixels::between(const ivec2& pixel, int ray, int across, const SurfaceHi
 const LitPixels::Light& LitPixels::at(const ivec2& pixel, int ray, int across, const SurfaceHit& hit,
                                       const ShadedPoint& at) {
   if (across < PixelRays::kMostAcross) {
-    if (!between(pixel, ray, across, hit, at)) light_ = lit(hit, at).light;
+    if (between(pixel, ray, across, hit, at)) return light_;
+    const Place& own = place(pixel, ray, across);
+    light_ = at_shadow_edge(own, pixel, ray, across) ? mean_around(own, pixel, ray, across) : own.light;
     return light_;
   }
   std::vector<Place>& known = at_edges_[{pixel.x, pixel.y}];

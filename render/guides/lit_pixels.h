@@ -10,8 +10,9 @@
 namespace brume {
 
 /// Light on the first diffuse surfaces that camera rays meet, by group. It is smooth but for shadows' edges: found at
-/// the corners and in the middle of squares of pixels, and between the corners where all five fit together. Of the many
-/// rays of a pixel at an edge a few that meet the same surface share it.
+/// the corners and in the middle of squares of pixels, and between the corners where all five fit together; elsewhere
+/// at each ray, or at more points of what a ray stands for where a shadow's edge goes through it. Of the many rays of a
+/// pixel at an edge of surfaces a few that meet the same surface share it.
 class LitPixels {
  public:
   explicit LitPixels(const GuideMarch& march) : march_(march) {}
@@ -42,9 +43,15 @@ class LitPixels {
   using Square = std::tuple<int, int, int, int>;  // its first pixel, its side, number of the rays
   Place lit(const SurfaceHit& hit, const ShadedPoint& at) const;
   const Place& place(const ivec2& pixel, int ray, int across);
+  /// What a camera ray shows, if it ends on a diffuse surface.
+  Place place_along(const CameraSample& sample) const;
   /// Whether light between the corners of a square is known. @param first  its pixel with the lowest coordinates
   bool smooth(const ivec2& first, int side, int ray, int across);
 
+  /// Whether light there does not lie between that of the pixels beside it. @param own  of the ray
+  bool at_shadow_edge(const Place& own, const ivec2& pixel, int ray, int across);
+  /// Mean over what a ray stands for. @param own  of the ray
+  Light mean_around(const Place& own, const ivec2& pixel, int ray, int across) const;
   /// Between the corners of a square; false where that is not smooth.
   bool between(const ivec2& pixel, int ray, int across, const SurfaceHit& hit, const ShadedPoint& at);
 

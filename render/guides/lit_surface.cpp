@@ -18,6 +18,7 @@ constexpr double kDark = 50;         // optical depth behind which nothing is li
 constexpr int kHighlightAcross = 4;  // points of a light, and as many directions of a lobe
 constexpr double kGoldenRatio = 0.6180339887498949;
 
+constexpr double kWidestLobe = 0.6;  // alpha of a metal that is seen by few rays: wider lobes lose light
 constexpr double kSharpGloss = 0.4;  // roughness of coats below which they are seen to mirror
 
 // The reflected light of a lamp or sun by points of it and by directions of the lobe, each weighted by the balance
@@ -116,7 +117,7 @@ Lit LitSurfaces::light_on(const ShadedPoint& at, const SurfaceLight::Around& aro
   return lit;
 }
 
-dvec3 LitSurfaces::reflected(const Ray& ray, const SurfaceHit& hit) const {
+dvec3 LitSurfaces::reflected(const Ray& ray, const SurfaceHit& hit, double spread) const {
   const ShadedPoint at(*surfaces, ray, hit);
   dvec3 sum(0);
   if (at.diffuse()) {
@@ -128,13 +129,16 @@ dvec3 LitSurfaces::reflected(const Ray& ray, const SurfaceHit& hit) const {
     }
     return at.bsdf.albedo * sum;
   }
+  Bsdf bsdf = at.bsdf;
+  if (bsdf.kind == Bsdf::Kind::kConductor && spread > 0)
+    bsdf.roughness = std::sqrt(std::min(std::hypot(bsdf.alpha(), spread), kWidestLobe));
   for (const auto& group : groups) {
     if (const SharpLight* const sharp = group->sharp()) {
       const ArrivingLight light = arriving(*sharp, at.p);
       if (!(glm::dot(light.towards, at.normal) > 0)) continue;
       const Lit shares = transmitted(sharp->light(), light, at.p);
       sum += light.irradiance * (shares.direct + shares.indirect) *
-             at.bsdf.value(at.to_frame(at.wo), at.to_frame(light.towards), false);
+             bsdf.value(at.to_frame(at.wo), at.to_frame(light.towards), false);
     } else if (group->sky() && at.bsdf.kind == Bsdf::Kind::kConductor) {
       const dvec3 mirrored = glm::reflect(ray.d, at.normal);
       if (!surfaces->intersect({at.p, mirrored}, kFar))

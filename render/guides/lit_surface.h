@@ -49,7 +49,8 @@ struct LitSurfaces {
   Lit light_on(const ShadedPoint& at, const SurfaceLight::Around& around, const GuideLight& group) const;
   /// Radiance that a surface sends back along a ray that hit it, of all groups; metals show highlights of suns and
   /// lamps, and of the sky what they mirror.
-  dvec3 reflected(const Ray& ray, const SurfaceHit& hit) const;
+  /// @param spread  of the facets that the ray stands for [rad]: a metal's lobe is as much wider
+  dvec3 reflected(const Ray& ray, const SurfaceHit& hit, double spread = 0) const;
 
   /// Shares of a light that arrive at a point through the media and past surfaces; indirect: scattered by forward peaks
   /// alone.

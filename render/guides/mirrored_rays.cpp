@@ -16,6 +16,8 @@ constexpr int kMostBounces = 2;        // of a ray off the outside of metals and
 constexpr int kMostFaces = 8;          // of glass, crossed or met from within
 constexpr double kLeastWeight = 0.02;  // of a branch at a glass face; the other one has its light
 constexpr int kLobeRays = 16;          // of a rough surface, seen by a camera ray
+constexpr int kLobeRaysOfMany = 4;     // of each, of a pixel that has many
+constexpr double kSharpLobe = 0.1;     // alpha of metals whose pixels have more rays where they show edges
 constexpr int kSquares = 4;            // along a side of a pixel, in which small lights are looked for
 constexpr int kWide = 4;               // pixels along a side of squares that are asked first
 constexpr int kSquareRays = 2;         // that look for them along a side of each
@@ -43,6 +45,12 @@ void MirroredRays::start(const CameraSample& camera, const ShadedPoint& at, cons
   const bool smooth = at.bsdf.delta();
   Path path{&pixel, transmittance, peaks};
   path.shown = smooth ? Shown::kNone : Shown::kUngrouped;
+  const int across = static_cast<int>(std::lround(1 / camera.cell));
+  if (across == PixelRays::kMostAcross) {
+    const ivec2 cell((camera.film - glm::floor(camera.film)) / camera.cell);
+    path.camera_rays = across * across;
+    path.camera_ray = cell.y * across + cell.x;
+  }
   scatter(at, hit, path);
   if (smooth) show_lights(camera, hit.surface, path);
 }
@@ -57,7 +65,8 @@ void MirroredRays::branch(const ShadedPoint& at, const SurfaceHit& hit, const Pa
   const dvec3 wo = at.to_frame(at.wo);
   const dvec3 outside = at.inside ? -hit.normal : hit.normal;
   const bool rough = !bsdf.delta(), glass = bsdf.kind == Bsdf::Kind::kDielectric;
-  const int rays = rough && path.bounces == 0 && path.faces == 0 ? kLobeRays : 1;
+  const bool seen = rough && path.bounces == 0 && path.faces == 0;
+  const int rays = !seen ? 1 : path.camera_rays > 1 ? kLobeRaysOfMany : kLobeRays, all_rays = rays * path.camera_rays;
   const auto go_on = [&](const Bsdf::Sample& sample, double share) {
     const dvec3 d = glm::normalize(at.frame.to_world(sample.wi));
     if (glm::dot(d, outside) * sample.wi.z < 0) return;
@@ -65,7 +74,8 @@ void MirroredRays::branch(const ShadedPoint& at, const SurfaceHit& hit, const Pa
     Path next = path;
     next.throughput *= weight;
     next.largest *= max_component(weight);
-    next.spread += rough ? 2 * bsdf.alpha() / std::sqrt(rays) : 0;
+    next.spread += rough ? 2 * bsdf.alpha() / std::sqrt(seen ? all_rays : 1) : 0;
+    next.off_sharp_metal = seen && !glass && bsdf.alpha() < kSharpLobe;
     (sample.transmitted || at.inside ? next.faces : next.bounces)++;
     next.branches = 2 * next.branches + (sample.transmitted ? 1 : 0);
     if (rough || path.shown != Shown::kNone) next.shown = rough ? Shown::kUngrouped : Shown::kAll;
@@ -73,7 +83,10 @@ void MirroredRays::branch(const ShadedPoint& at, const SurfaceHit& hit, const Pa
   };
   for (int i = 0; i < rays; ++i) {
     dvec3 u(0);
-    if (rays > 1) u = {(i + 0.5) / rays, i * kGoldenRatio - std::floor(i * kGoldenRatio), 0};
+    if (rays > 1) {
+      const int k = i * path.camera_rays + path.camera_ray;
+      u = {(k + 0.5) / all_rays, k * kGoldenRatio - std::floor(k * kGoldenRatio), 0};
+    }
     Bsdf::Sample sample;
     if (!glass) {
       if (bsdf.sample(wo, at.inside, u, sample)) go_on(sample, 1.0 / rays);
@@ -238,6 +251,14 @@ void MirroredRays::follow(const MarchScene& scene) {
 
 void MirroredRays::end(const Queued& queued, const Met& met, const MarchedRay& marched) {
   const auto& [path, ray] = queued;
+  if (path.off_sharp_metal) {
+    const auto& suns = march_.context_.lights->suns();
+    const bool sun = std::any_of(suns.begin(), suns.end(),
+                                 [&, &d = ray.d](const Sun* s) { return !s->delta() && s->radiance(d) != dvec3(0); });
+    const int64_t there = met.light ? -3 : met.hit ? int64_t{met.hit->surface} : sun ? -2 : -1;
+    path.pixel->mirrored_edge |= path.pixel->mirrored_end.value_or(there) != there;
+    path.pixel->mirrored_end = there;
+  }
   const double transmittance = marched.transmittance,
                peaks = std::max(0.0, static_cast<double>(marched.scaled_transmittance) - transmittance);
   if (met.light || !met.hit) {

@@ -42,7 +42,9 @@ class MirroredRays {
     int bounces = 0, faces = 0;
     bool again = false;  ///< it went on from a surface that was seen in another one: all it sees is indirect light
     Shown shown = Shown::kAll;
-    uint64_t branches = 1;  ///< a binary digit for each surface so far: whether it went through
+    int camera_rays = 1, camera_ray = 0;  ///< of its pixel, if they are many; they share the rays of a rough surface
+    bool off_sharp_metal = false;         ///< it comes from there straight to where it ends
+    uint64_t branches = 1;                ///< a binary digit for each surface so far: whether it went through
     bool may_go_on() const;
   };
   struct Queued {

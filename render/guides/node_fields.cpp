@@ -135,9 +135,11 @@ void NodeFields::fill_node(const ivec3& node, const Camera& camera, const Sky& s
   const dvec3 step = 0.75 * coarse.spacing * view;
   const NodeWeights here(coarse, p), before(coarse, p - step), behind(coarse, p + step);
   const Sky::AtNode sky_here = sky.at(i, p, view);
+  const std::array<float, kMostMoments> factors = moments_of(-view);
   const auto towards_eye = [&](const Source& light, const auto& at) {
-    const double flux = view.x * at(light[1]) + view.y * at(light[2]) + view.z * at(light[3]);
-    return static_cast<float>(std::max(0.0, at(light[0]) - flux));
+    double sum = at(light[0]) - (view.x * at(light[1]) + view.y * at(light[2]) + view.z * at(light[3]));
+    for (size_t a = 4; a < light.known(); ++a) sum += static_cast<double>(factors[a]) * at(light[a]);
+    return static_cast<float>(std::max(0.0, sum));
   };
   const auto at_node = [&](const NodeValues& values) { return static_cast<double>(values[i]); };
   const auto coarsely = [&](const NodeValues& values) { return static_cast<double>(here(values)); };

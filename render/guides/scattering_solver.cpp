@@ -7,16 +7,37 @@
 #include "render/guides/forward_peak.h"
 #include "render/guides/lane_media.h"
 #include "render/guides/media_line.h"
+#include "volume/phase_function.h"
 
 namespace brume {
 namespace {
 
 constexpr int kDirections = 24;
+// Least of 5 P2 of what is left of scattering, on average, for it to be followed.
+constexpr double kLeastQuadratic = 0.25;
+// In which beams are scattered first, of which so many are swept together; the mean cosine of what stands for a peak
+// there.
+constexpr int kBeamDirections = 96;
+constexpr size_t kTogether = 4;
+constexpr double kPeakMeanCosine = 0.75;
 constexpr int kNear = 4;  // nodes around the media in which light that has left them is followed
 
 /// Whether a direction is swept along z, in arrays that have it slowest.
 bool lies(const dvec3& d) {
   return std::abs(d.z) > std::max(std::abs(d.x), std::abs(d.y));
+}
+
+/// Directions in which beams are scattered first: more, as a narrow beam is seen from few of any.
+const std::vector<dvec3>& beam_directions() {
+  static const std::vector<dvec3> all = spiral_of_directions(kBeamDirections);
+  return all;
+}
+
+/// The bundle that a direction is swept in: its largest component and the sign of that.
+size_t bundle_of(const dvec3& d) {
+  int axis = std::abs(d.y) > std::abs(d.x) ? 1 : 0;
+  if (lies(d)) axis = 2;
+  return static_cast<size_t>(2 * axis + (d[axis] > 0 ? 1 : 0));
 }
 
 }  // namespace
@@ -69,6 +90,8 @@ ScatteringSolver::ScatteringSolver(const Lattice& lattice, const GuideMedia& med
       node.scaled = node.extinction * left;
       node.scattered = node.scaled * albedo * (1 - peak) / left;
       node.linear = node.scaled * 3 * (g - peak) / (1 - peak);
+      node.quadratic = node.scaled * 5 * (g * g - peak) / (1 - peak);
+      node.cosine = node.scaled * g;
     }
   });
 }
@@ -96,21 +119,16 @@ ScatteringSolver::ScatteringSolver(const Lattice& lattice, const Task& task) : l
   const ivec3 n = lattice.n;
   z_major_ = {{n.x, n.y, n.z}, lattice.row(), nullptr};
   y_major_ = {{n.z, n.x, n.y}, Lattice::padded(n.y), nullptr};
-  for (NodeValues* field : {&extinction_, &scaled_, &albedo_, &linear_}) *field = NodeValues(lattice.size());
-  for (NodeValues& values : source_) values = NodeValues(lattice.size());
-  for (NodeValues& values : y_major_source_) values = NodeValues(y_major_.size());
+  for (NodeValues* field : {&extinction_, &scaled_, &albedo_, &linear_, &quadratic_, &cosine_})
+    *field = NodeValues(lattice.size());
+  source_ = nothing<Emission>();
+  for (size_t a = 0; a < 4; ++a) y_major_source_[a] = NodeValues(y_major_.size());
   for (NodeValues* field : {&y_major_extinction_, &y_major_scaled_}) *field = NodeValues(y_major_.size());
   for (size_t k = 0; k < directions().size(); ++k) {
-    const dvec3 d = directions()[k];
-    int axis = std::abs(d.y) > std::abs(d.x) ? 1 : 0;
-    if (lies(d)) axis = 2;
-    bundles_[static_cast<size_t>(2 * axis + (d[axis] > 0 ? 1 : 0))].directions.push_back(k);
+    bundles_[bundle_of(directions()[k])].directions.push_back(k);
   }
   for (size_t i = 0; i < bundles_.size(); ++i) {
     bundles_[i].y_major = i >= 4;
-    if (shares_sums(i)) continue;
-    for (NodeValues& values : bundles_[i].light)
-      values = NodeValues(bundles_[i].y_major ? y_major_.size() : z_major_.size());
   }
 }
 
@@ -131,6 +149,8 @@ void ScatteringSolver::fill(const Sample& sample) {
         scaled_[i] = static_cast<float>(node.scaled);
         albedo_[i] = static_cast<float>(node.scattered / node.scaled);
         linear_[i] = static_cast<float>(node.linear / node.scaled);
+        quadratic_[i] = static_cast<float>(node.quadratic / node.scaled);
+        cosine_[i] = static_cast<float>(node.cosine / node.scaled);
         sums[static_cast<size_t>(x)].add(node);
       }
     }
@@ -144,8 +164,10 @@ void ScatteringSolver::fill(const Sample& sample) {
       if (extinction_[i] == 0) {
         albedo_[i] = static_cast<float>(total.scattered / total.scaled);
         linear_[i] = static_cast<float>(total.linear / total.scaled);
+        quadratic_[i] = static_cast<float>(total.quadratic / total.scaled);
       }
   }
+  if (!(total.quadratic > kLeastQuadratic * total.scaled)) quadratic_ = cosine_ = {};
   find_rows();
   to_y_major(extinction_, y_major_extinction_, true);
   to_y_major(scaled_, y_major_scaled_, true);
@@ -216,9 +238,12 @@ void ScatteringSolver::to_y_major(const NodeValues& z_major, NodeValues& y_major
   });
 }
 
-void ScatteringSolver::sweep_sources(const Emission& source, size_t count) {
-  for (size_t a = 0; a < count; ++a) to_y_major(source[a], y_major_source_[a], false);
-  each_bundle([&](const Bundle& bundle, const std::array<float*, 4>& moments, bool adds) {
+void ScatteringSolver::sweep_sources(const Emission& source, size_t count, size_t wanted) {
+  for (size_t a = 0; a < count; ++a) {
+    if (y_major_source_[a].empty()) y_major_source_[a] = NodeValues(y_major_.size());
+    to_y_major(source[a], y_major_source_[a], false);
+  }
+  each_bundle(wanted, [&](const Bundle& bundle, std::span<float* const> moments, bool adds) {
     SweepMedia media{bundle.y_major ? y_major_scaled_.data() : scaled_.data(), {}, count};
     for (size_t a = 0; a < count; ++a) media.source[a] = bundle.y_major ? y_major_source_[a].data() : source[a].data();
     SweepDomain domain = near(bundle);
@@ -234,12 +259,17 @@ SweepDomain ScatteringSolver::near(const Bundle& bundle) const {
 }
 
 std::vector<SweepBeam> ScatteringSolver::beams(const Bundle& bundle) const {
+  std::vector<dvec3> own;
+  for (const size_t k : bundle.directions) own.push_back(directions()[k]);
+  return beams(bundle, own);
+}
+
+std::vector<SweepBeam> ScatteringSolver::beams(const Bundle& bundle, const std::vector<dvec3>& along) const {
   std::vector<SweepBeam> beams;
-  for (const size_t k : bundle.directions) {
-    const dvec3 d = directions()[k];
+  for (const dvec3& d : along) {
     SweepBeam& beam = beams.emplace_back();
     beam.direction = bundle.y_major ? std::array{d.z, d.x, d.y} : std::array{d.x, d.y, d.z};
-    beam.factor = {1, static_cast<float>(d.x), static_cast<float>(d.y), static_cast<float>(d.z)};
+    beam.factor = moments_of(d);
   }
   return beams;
 }
@@ -259,7 +289,7 @@ void ScatteringSolver::gather_sums(Radiance& light) const {
   parallel_for(n.x, task_, [&](int x) {
     // Sums of a block of the y-major bundles, y fastest.
     std::vector<float> block(static_cast<size_t>(kBlock) * y_major_.row);
-    for (size_t a = 0; a < 4; ++a) {
+    for (size_t a = 0; a < light.known(); ++a) {
       // Of the two bundles along an axis.
       const auto along_axis = [&](size_t axis) {
         return [one = bundles_[2 * axis].light[a].data(), other = bundles_[2 * axis + 1].light[a].data()](size_t i) {
@@ -322,7 +352,7 @@ SkyShares ScatteringSolver::arriving(bool peaks) const {
 }
 
 Radiance ScatteringSolver::entering(const std::vector<double>& incoming) {
-  each_bundle([&](const Bundle& bundle, const std::array<float*, 4>& moments, bool adds) {
+  each_bundle(4, [&](const Bundle& bundle, std::span<float* const> moments, bool adds) {
     std::vector<SweepBeam> swept = beams(bundle);
     for (size_t k = 0; k < swept.size(); ++k) swept[k].incoming = static_cast<float>(incoming[bundle.directions[k]]);
     sweep(near(bundle), {bundle.y_major ? y_major_scaled_.data() : scaled_.data(), {}, 0}, swept, moments, adds);
@@ -334,7 +364,7 @@ Radiance ScatteringSolver::entering(const std::vector<double>& incoming) {
 
 Radiance ScatteringSolver::emitted(const NodeValues& emission) {
   source_[0] = emission;
-  sweep_sources(source_, 1);
+  sweep_sources(source_, 1, 4);
   Radiance light = nothing<Radiance>();
   gather(light);
   return light;
@@ -349,23 +379,80 @@ Source ScatteringSolver::scatter(Radiance light) const {
       light[2][i] *= linear;
       light[3][i] *= linear;
     }
+    for (size_t a = 4; a < light.known(); ++a)
+      for (size_t i = begin; i < end; ++i) light[a][i] *= albedo_[i] * quadratic_[i];
   });
   return Source::in_place_of(std::move(light));
 }
 
 Radiance ScatteringSolver::transport(Source scattered) {
+  const size_t known = scattered.known();
+  for (size_t a = 4; a < known; ++a)
+    if (source_[a].empty()) source_[a] = NodeValues(lattice_.size());
   each_row([&](size_t begin, size_t end) {
-    for (size_t a = 0; a < 4; ++a)
+    for (size_t a = 0; a < known; ++a)
       for (size_t i = begin; i < end; ++i) source_[a][i] = scaled_[i] * scattered[a][i];
   });
-  sweep_sources(source_, 4);
+  sweep_sources(source_, known, known);
   Radiance light = Radiance::in_place_of(std::move(scattered));
   gather(light);
   return light;
 }
 
+// Over the directions that the beam comes from the phase function is one of a smaller mean cosine; its forward peak,
+// which counts as not scattered, is taken off around the beam.
+Radiance ScatteringSolver::transport_beam(const Radiance& arriving) {
+  constexpr double kShare = static_cast<double>(kDirections) / kBeamDirections;  // gather() takes means over fewer
+  Radiance light = nothing<Radiance>(kMostMoments);
+  each_bundle(kMostMoments, [&](const Bundle& bundle, std::span<float* const> moments, bool adds) {
+    SweepDomain domain = near(bundle);
+    domain.rows = domain.kept;
+    std::array<NodeValues, kTogether> sources;
+    for (NodeValues& values : sources) values = NodeValues(domain.size());
+    std::vector<dvec3> some;
+    const auto sweep_some = [&] {
+      if (some.empty()) return;
+      for (int x = 0; x < lattice_.n.x; ++x)
+        for (int y = 0; y < lattice_.n.y; ++y) {
+          const SweepRow& row = rows_[static_cast<size_t>(x) * lattice_.n.y + y];
+          for (int z = row.begin; z < std::min(row.end, lattice_.n.z); ++z) {
+            const size_t i = lattice_.index(x, y, z);
+            const size_t to = bundle.y_major ? (static_cast<size_t>(z) * lattice_.n.x + x) * y_major_.row + y : i;
+            const double mean = static_cast<double>(arriving[0][i]);
+            if (!(mean > 0)) continue;
+            const dvec3 flux(arriving[1][i], arriving[2][i], arriving[3][i]);
+            const double length = glm::length(flux), narrow = std::min(1.0, length / mean);
+            const auto g = static_cast<double>(cosine_[i]);
+            const double peak = peak_weight(g);
+            const HenyeyGreenstein all{g * narrow}, of_peak{kPeakMeanCosine * narrow};
+            const double scattered =
+                4 * kPi * kShare * mean * static_cast<double>(scaled_[i] * albedo_[i]) / (1 - peak);
+            for (size_t k = 0; k < some.size(); ++k) {
+              const double cosine = length > 0 ? std::clamp(glm::dot(some[k], flux) / length, -1.0, 1.0) : 0.0;
+              sources[k][to] =
+                  static_cast<float>(scattered * std::max(0.0, all.value(cosine) - peak * of_peak.value(cosine)));
+            }
+          }
+        }
+      std::vector<SweepBeam> swept = beams(bundle, some);
+      for (size_t k = 0; k < swept.size(); ++k) swept[k].source = sources[k].data();
+      sweep(domain, {bundle.y_major ? y_major_scaled_.data() : scaled_.data(), {}, kMostMoments}, swept, moments, adds);
+      adds = true;
+      some.clear();
+    };
+    for (const dvec3& d : beam_directions()) {
+      if (&bundles_[bundle_of(d)] != &bundle) continue;
+      some.push_back(d);
+      if (some.size() == kTogether) sweep_some();
+    }
+    sweep_some();
+  });
+  gather(light);
+  return light;
+}
+
 Radiance ScatteringSolver::transport(const Emission& emission) {
-  sweep_sources(emission, 4);
+  sweep_sources(emission, 4, 4);
   Radiance light = nothing<Radiance>();
   gather(light);
   return light;

@@ -12,21 +12,45 @@
 
 namespace brume {
 
-/// The first two moments over directions of a field, at every node.
+/// Factors of light along a unit vector in its moments over directions: its mean, what goes along x, y and z, and the
+/// five real spherical harmonics of the second order, of which the sum of products for two vectors is P2 of the cosine
+/// between them. Shorter vectors, means of unit ones, have less of them.
+inline std::array<float, kMostMoments> moments_of(const dvec3& d) {
+  constexpr double kRoot3 = 1.7320508075688772;
+  const std::array moments = {1.0,
+                              d.x,
+                              d.y,
+                              d.z,
+                              kRoot3 * d.x * d.y,
+                              kRoot3 * d.x * d.z,
+                              kRoot3 * d.y * d.z,
+                              0.5 * kRoot3 * (d.x * d.x - d.y * d.y),
+                              d.z * d.z - 0.5 * (d.x * d.x + d.y * d.y)};
+  std::array<float, kMostMoments> rounded;
+  for (size_t i = 0; i < kMostMoments; ++i) rounded[i] = static_cast<float>(moments[i]);
+  return rounded;
+}
+
+/// Moments over directions of a field, at every node: the first four, and the rest where they matter.
 template <class Kind>
-struct Moments : std::array<NodeValues, 4> {
+struct Moments : std::array<NodeValues, kMostMoments> {
   Moments() = default;
+  size_t known() const { return this->back().empty() ? 4 : kMostMoments; }
+  /// Keeps the first four.
+  void drop_second() {
+    for (size_t a = 4; a < kMostMoments; ++a) (*this)[a] = {};
+  }
   /// The memory of another kind's, for what is computed in its place.
   template <class Other>
   static Moments in_place_of(Moments<Other>&& other) {
     Moments moments;
-    static_cast<std::array<NodeValues, 4>&>(moments) = std::move(other);
+    static_cast<std::array<NodeValues, kMostMoments>&>(moments) = std::move(other);
     return moments;
   }
 };
 /// Incident radiance: its mean, and its mean flux along x, y and z.
 using Radiance = Moments<struct RadianceKind>;
-/// Scattered radiance, the source function: towards d it is [0] + d . ([1], [2], [3]).
+/// Scattered radiance, the source function: towards d it is the sum of [i] moments_of(d)[i].
 using Source = Moments<struct SourceKind>;
 /// What nodes send out per spacing: extinction times the source function.
 using Emission = Moments<struct EmissionKind>;
@@ -59,8 +83,10 @@ class SkyShares {
 /// Multiple scattering on a lattice, order by order: each is swept from the one before along 24 directions.
 ///
 /// Scattering is taken to the first moment. A forward peak of weight g^2 counts as not scattered at all, and what is
-/// left varies linearly with the cosine. Light that leaves the media by more than a few nodes does not come back.
-/// Sources: Joseph, Wiscombe, Weinman 1976, The delta-Eddington approximation; Kunasz, Auer 1988 for the sweeps.
+/// left varies linearly with the cosine; where peaks are broad and weigh less (forward_peak.h), it has a second moment,
+/// without which a beam would be scattered sideways twice as much: of lights' first scattering. Light that leaves the
+/// media by more than a few nodes does not come back. Sources: Joseph, Wiscombe, Weinman 1976, The delta-Eddington
+/// approximation; Kunasz, Auer 1988 for the sweeps.
 class ScatteringSolver {
  public:
   ScatteringSolver(const Lattice& lattice, const GuideMedia& media, GuideColour colour, const Task& task);
@@ -70,6 +96,10 @@ class ScatteringSolver {
   /// Directions of travel, evenly spread.
   static const std::vector<dvec3>& directions();
   const Lattice& lattice() const { return lattice_; }
+  /// Whether what is left of scattering has second moments that matter.
+  bool second_moments() const { return !quadratic_.empty(); }
+  /// Of radiance along known directions that are to be followed.
+  size_t moments() const { return second_moments() ? kMostMoments : 4; }
   /// Per spacing.
   const NodeValues& extinction() const { return extinction_; }
   /// The same without the forward peak.
@@ -81,10 +111,11 @@ class ScatteringSolver {
   std::vector<uint8_t> near_media() const;
 
   /// Zeros. Fields are stored only at nodes within two cells of a medium, and are 0 elsewhere.
+  /// @param moments  that are known
   template <class Light>
-  Light nothing() const {
+  Light nothing(size_t moments = 4) const {
     Light none;
-    for (NodeValues& values : none) values = NodeValues(lattice_.size());
+    for (size_t a = 0; a < moments; ++a) none[a] = NodeValues(lattice_.size());
     return none;
   }
   /// For each direction of travel, the transmittance from outside to the node.
@@ -97,16 +128,19 @@ class ScatteringSolver {
 
   /// What the media scatter of incident radiance.
   Source scatter(Radiance light) const;
-  /// Streams scattered radiance to the next node, attenuating it along each direction.
+  /// Streams scattered radiance to the next node, attenuating it along each direction: as many moments.
   Radiance transport(Source scattered);
   Radiance transport(const Emission& emission);
+  /// Light that arrives at every node from nearly one direction, scattered by the phase function itself and streamed
+  /// on in four times as many directions. Called where second_moments().
+  Radiance transport_beam(const Radiance& arriving);
   /// What `fine`, whose lattice has half the spacing, sends out at this lattice's nodes.
   Emission emission_from(const ScatteringSolver& fine, const Source& scattered) const;
 
   template <class Light>
   void add(const Light& from, Light& to) const {
     each_row([&](size_t begin, size_t end) {
-      for (size_t a = 0; a < 4; ++a)
+      for (size_t a = 0; a < std::min(from.known(), to.known()); ++a)
         for (size_t i = begin; i < end; ++i) to[a][i] += from[a][i];
     });
   }
@@ -129,6 +163,8 @@ class ScatteringSolver {
   struct NodeMedia {
     double extinction = 0, scaled = 0;  ///< scaled: without the forward peak
     double scattered = 0, linear = 0;   ///< scaled, times albedo and three times the mean cosine of what is left
+    double quadratic = 0;               ///< scaled, times five times its mean P2
+    double cosine = 0;                  ///< scaled, times the mean cosine with the peak
     /// A point of the media, which forward peaks are a part of. @param g  mean cosine
     void add(double sigma_t, double point_albedo, double g) {
       extinction += sigma_t;
@@ -140,6 +176,8 @@ class ScatteringSolver {
       scaled += other.scaled;
       scattered += other.scattered;
       linear += other.linear;
+      quadratic += other.quadratic;
+      cosine += other.cosine;
     }
   };
   ScatteringSolver(const Lattice& lattice, const Task& task);
@@ -154,17 +192,22 @@ class ScatteringSolver {
   struct Bundle {
     bool y_major = false;
     std::vector<size_t> directions;
-    std::array<NodeValues, 4> light;  ///< sums over the directions, in the bundle's own order of nodes
+    std::array<NodeValues, kMostMoments> light;  ///< sums over the directions, in the bundle's own order of nodes
   };
   /// One thread adds the second bundle along an axis to the sums of the first: half the memory, and the same bits.
   bool shares_sums(size_t bundle) const { return task_.threads == 1 && bundle % 2 == 1; }
   /// Calls visit(bundle, sums, whether it adds to them), on the task's threads.
   template <class Visit>
-  void each_bundle(const Visit& visit) {
+  void each_bundle(size_t moments, const Visit& visit) {
     const auto one = [&](int i) {
       const auto k = static_cast<size_t>(i);
-      std::array<NodeValues, 4>& sums = bundles_[shares_sums(k) ? k - 1 : k].light;
-      visit(bundles_[k], std::array{sums[0].data(), sums[1].data(), sums[2].data(), sums[3].data()}, shares_sums(k));
+      std::array<NodeValues, kMostMoments>& light = bundles_[shares_sums(k) ? k - 1 : k].light;
+      std::array<float*, kMostMoments> sums{};
+      for (size_t a = 0; a < moments; ++a) {
+        if (light[a].empty()) light[a] = NodeValues((bundles_[k].y_major ? y_major_ : z_major_).size());
+        sums[a] = light[a].data();
+      }
+      visit(bundles_[k], std::span<float* const>(sums.data(), moments), shares_sums(k));
     };
     const auto count = static_cast<int>(bundles_.size());
     if (task_.threads != 1) return parallel_for(count, task_, one);
@@ -172,9 +215,11 @@ class ScatteringSolver {
     task_.check();
   }
   std::vector<SweepBeam> beams(const Bundle& bundle) const;
+  /// Of some directions that are swept together in it.
+  std::vector<SweepBeam> beams(const Bundle& bundle, const std::vector<dvec3>& along) const;
   /// Its domain, with results kept near the media.
   SweepDomain near(const Bundle& bundle) const;
-  void sweep_sources(const Emission& source, size_t count);
+  void sweep_sources(const Emission& source, size_t count, size_t moments);
   /// Sums of all bundles, near the media.
   void gather(Radiance& light) const;
   /// @param kShared  shares_sums()
@@ -199,6 +244,8 @@ class ScatteringSolver {
   std::vector<SweepRow> rows_, y_major_rows_;                             // the nodes near the media
   NodeValues extinction_, scaled_, y_major_extinction_, y_major_scaled_;  // per spacing; without the forward peak
   NodeValues albedo_, linear_;  // of what is left of scattering, and three times its mean cosine
+  NodeValues quadratic_;        // five times its mean P2; empty where that does not matter
+  NodeValues cosine_;           // the mean cosine of scattering, the peak included; as quadratic_
   Emission source_, y_major_source_;
   std::array<Bundle, 6> bundles_;  // towards -x, x, -y, y, -z, z
   double mean_scale_ = 1;

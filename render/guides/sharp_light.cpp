@@ -92,6 +92,9 @@ void add_beam(Radiance& light, size_t node, double irradiance, const dvec3& towa
   const double mean = irradiance / (4 * kPi);
   light[0][node] += static_cast<float>(mean);
   for (int a = 0; a < 3; ++a) light[static_cast<size_t>(a) + 1][node] -= static_cast<float>(mean * towards[a]);
+  if (light.known() == 4) return;
+  const std::array<float, kMostMoments> factors = moments_of(-towards);
+  for (size_t a = 4; a < light.known(); ++a) light[a][node] += static_cast<float>(mean) * factors[a];
 }
 
 /// Adds a lamp's light at a node.
@@ -256,7 +259,7 @@ Radiance LampLight::arriving(const LightSolve& solve) {
   lattice_ = solve.solver.lattice();
   depth_ = NodeValues(lattice_.size());
   if (solve.surfaces) visible_ = NodeValues(lattice_.size());
-  Radiance light = solve.solver.nothing<Radiance>();
+  Radiance light = solve.solver.nothing<Radiance>(solve.solver.moments());
   solve.solver.each_node([&](int x, int y, int z, size_t i) {
     const dvec3 p = lattice_.node(x, y, z);
     const ArrivingLight here = arriving_light(light_, p);
@@ -292,7 +295,7 @@ class OtherLights final : public GuideLight {
   }
 
   Radiance arriving(const LightSolve& solve) override {
-    Radiance light = solve.solver.nothing<Radiance>();
+    Radiance light = solve.solver.nothing<Radiance>(solve.solver.moments());
     LightSolve own_colour = solve;
     if (solve.colour == kGrey) own_colour.colour = channel;
     for (const KnownLight& lamp : single_) {

@@ -22,8 +22,9 @@ constexpr double kBright = 4;         // of the mean radiance that observers see
 constexpr double kLeastReach = 1e-3;  // of a point's part
 constexpr double kNegligible = 1e-3;  // of all reflections, for the last one
 constexpr int kMostReflections = 64;
-constexpr double kUneven = 0.2;     // mean deviation from the mean share of the sky
-constexpr double kMostBacks = 0.5;  // of a probe's rays, that meet surfaces from behind
+constexpr double kWidestCone = 0.5;  // half angle of what a ray stands for [rad]
+constexpr double kUneven = 0.2;      // mean deviation from the mean share of the sky
+constexpr double kMostBacks = 0.5;   // of a probe's rays, that meet surfaces from behind
 constexpr double kGoldenRatio = 0.6180339887498949;
 
 /// Unit vectors around z, their number per solid angle as the cosine.
@@ -45,6 +46,20 @@ Frame turned(Frame frame, size_t i) {
   frame.x = phi.cos * x + phi.sin * y;
   frame.y = phi.cos * y - phi.sin * x;
   return frame;
+}
+
+/// How far the facets of a metal that a cone of directions meets are apart as seen along its middle: by its normals
+/// and by the cone's own width [rad].
+double facets_apart(const Surfaces& surfaces, const Ray& ray, const SurfaceHit& hit, double half_angle) {
+  constexpr double kUnknown = 0.5;  // where the cone goes beyond the metal's rim
+  const Frame frame(ray.d);
+  double apart = 0;
+  for (const dvec3& aside : {frame.x, frame.y}) {
+    const auto there = surfaces.intersect({ray.o, glm::normalize(ray.d + std::tan(half_angle) * aside)}, kFar);
+    apart =
+        std::max(apart, there && there->surface == hit.surface ? glm::distance(there->shading, hit.shading) : kUnknown);
+  }
+  return apart + 0.5 * half_angle;
 }
 
 /// The sky's mean radiance over cells of directions.
@@ -389,10 +404,15 @@ void SurfaceLight::exchange(const LitSurfaces& lit, const AmbientLight& nodes, c
   for (Observers* const observers : {&at_points_, &at_probes_})
     parallel_for(static_cast<int>(observers->all.size()), quiet(task), [&](int i) {
       for (Mirrored& m : observers->all[static_cast<size_t>(i)].mirrored) {
+        // Few rays stand for all of a metal: highlights much narrower than what one stands for would be missed or
+        // found by chance.
+        double half_angle = std::sqrt(1 / (kPi * observers->density(observers->directions[m.ray].z)));
         dvec3 left(1);
         for (const auto& [ray, hit] : m.metals) {
-          m.own += left * lit.reflected(ray, hit);
+          const double apart = facets_apart(surfaces_, ray, hit, std::min(half_angle, kWidestCone));
+          m.own += left * lit.reflected(ray, hit, apart);
           left *= surfaces_.bsdf(hit).albedo;
+          half_angle = 2 * apart;
         }
       }
     });

@@ -15,6 +15,10 @@ namespace {
 constexpr double kAcrossMedia = 24, kAcrossMesh = 12;  // points, along the longest side
 constexpr double kGrowth = 2;                          // of their distances, in the media's size from the media
 constexpr size_t kMostPoints = 4000;
+// Where another surface is near: points are no farther apart than this share of the harmonic mean distance to it, but
+// as close together as a share of what they are elsewhere; it is looked for as far as several times their distances.
+constexpr double kPerReach = 0.8, kClosest = 0.25, kFarthest = 2;
+constexpr int kReachRays = 12;
 constexpr double kSamplesAcross = 2;  // of a point's part
 constexpr size_t kMostSamples = 4;
 constexpr double kAlike = 0.5;   // least cosine between normals of points that stand for one another
@@ -66,16 +70,47 @@ SurfacePoints::SurfacePoints(const Surfaces& surfaces, const GuideMedia& media, 
   constexpr int kTries = 6;
   double wider = 1;
   for (int i = 0; i < kTries; ++i) {
-    spread(surfaces, media, wider);
+    spread(surfaces, media, wider, nullptr);
     settle(surfaces, task);
     if (points_.size() <= kMostPoints) break;
     wider *= 1.1 * std::sqrt(static_cast<double>(points_.size()) / kMostPoints);
   }
+  grow_tree();
+  if (!find_reach(surfaces, task)) return;
+  SurfacePoints closer(*this);
+  closer.spread(surfaces, media, wider, this);
+  closer.settle(surfaces, task);
+  if (closer.points_.size() > kMostPoints) return;
+  points_ = std::move(closer.points_);
+  grow_tree();
+}
+
+void SurfacePoints::grow_tree() {
+  tree_.clear();
   for (const Point& point : points_) tree_.push_back({point.p, point.normal, static_cast<int>(tree_.size()), 0});
   build(0, tree_.size());
 }
 
-void SurfacePoints::spread(const Surfaces& surfaces, const GuideMedia& media, double wider) {
+bool SurfacePoints::find_reach(const Surfaces& surfaces, const Task& task) {
+  std::vector<uint8_t> near(points_.size());
+  parallel_for(static_cast<int>(points_.size()), quiet(task), [&](int i) {
+    Point& point = points_[static_cast<size_t>(i)];
+    const Frame frame(point.normal);
+    const double between = std::sqrt(point.area), farthest = kFarthest * between;
+    double sum = 0;
+    for (int k = 0; k < kReachRays; ++k) {
+      const double sine2 = (k + 0.5) / kReachRays, turn = (k + 0.37 * i) * 0.6180339887498949;
+      const SinCos phi = portable_sincos_2pi(turn - std::floor(turn));
+      const dvec3 d(std::sqrt(sine2) * phi.cos, std::sqrt(sine2) * phi.sin, std::sqrt(1 - sine2));
+      if (const auto hit = surfaces.intersect({point.p, frame.to_world(d)}, farthest)) sum += 1 / hit->t;
+    }
+    if (sum > 0) point.reach = kReachRays / sum;
+    near[static_cast<size_t>(i)] = kPerReach * point.reach < between;
+  });
+  return std::find(near.begin(), near.end(), 1) != near.end();
+}
+
+void SurfacePoints::spread(const Surfaces& surfaces, const GuideMedia& media, double wider, const SurfacePoints* near) {
   points_.clear();
   struct Part {
     dvec3 sum{0};
@@ -94,8 +129,16 @@ void SurfacePoints::spread(const Surfaces& surfaces, const GuideMedia& media, do
       hi = glm::max(hi, p);
     }
     const double of_mesh = max_component(hi - lo) / kAcrossMesh;
+    dvec3 normal;  // of a triangle
     const auto spacing = [&](const dvec3& p) {
-      return wider * std::min(of_mesh, (size + kGrowth * distance_to(p, media.lo(), media.hi())) / kAcrossMedia);
+      const double far =
+          wider * std::min(of_mesh, (size + kGrowth * distance_to(p, media.lo(), media.hi())) / kAcrossMedia);
+      if (!near) return far;
+      double close = far;
+      for (const double side : {1.0, -1.0})
+        if (const int i = near->nearest(p, side * normal); i >= 0)
+          close = std::min(close, kPerReach * near->points_[static_cast<size_t>(i)].reach);
+      return std::max(close, kClosest * far);
     };
     const auto largest = [&](const dvec3& p) {
       const double side = spacing(p) / kSamplesAcross;
@@ -107,7 +150,7 @@ void SurfacePoints::spread(const Surfaces& surfaces, const GuideMedia& media, do
     for (size_t i = 0; i < mesh.triangles.size(); ++i) {
       const auto [a, b, c] = mesh.corners(i);
       const Triangle whole{place(a), place(b), place(c)};
-      const dvec3 normal = glm::normalize(glm::cross(whole.b - whole.a, whole.c - whole.a));
+      normal = glm::normalize(glm::cross(whole.b - whole.a, whole.c - whole.a));
       divide(whole, largest, [&](const Triangle& t) {
         area += t.area();
         const dvec3 p = t.middle();

@@ -11,7 +11,8 @@
 namespace brume {
 
 /// Points spread evenly over the diffuse surfaces of a scene, each for the part of a surface around it: close together
-/// near the media and on small meshes, farther apart elsewhere. Both sides of a surface have points of their own.
+/// near the media, on small meshes and where another surface is near, farther apart elsewhere. Both sides of a surface
+/// have points of their own.
 class SurfacePoints {
  public:
   struct Point {
@@ -39,7 +40,11 @@ class SurfacePoints {
   Around around(const dvec3& p, const dvec3& normal) const;
 
  private:
-  void spread(const Surfaces& surfaces, const GuideMedia& media, double wider);
+  /// @param near  points that know their reach: others are no farther apart than that asks for; null: none do
+  void spread(const Surfaces& surfaces, const GuideMedia& media, double wider, const SurfacePoints* near);
+  /// Finds how far the points are from what is near them. @return whether any is nearer to that than to other points
+  bool find_reach(const Surfaces& surfaces, const Task& task);
+  void grow_tree();
   void settle(const Surfaces& surfaces, const Task& task);
   void build(size_t begin, size_t end);
   struct Search;

@@ -77,10 +77,13 @@ struct Beam {
         gained(plane_size, 0.0f) {}
 };
 
+/// In place of how many sources there are: each beam has its own.
+constexpr size_t kOwnSource = 100;
+
 class Sweep {
  public:
   Sweep(const SweepDomain& domain, const SweepMedia& media, std::span<const SweepBeam> beams,
-        const std::array<float*, 4>& moments, bool adds)
+        std::span<float* const> moments, bool adds)
       : domain_(domain),
         media_(media),
         beams_(beams),
@@ -137,12 +140,10 @@ class Sweep {
       clear(0, part.begin);
       clear(part.end, domain_.row);
     }
-    if (media_.sources == 4)
-      sweep_part<4>(row, part, kept, next);
-    else if (media_.sources == 1)
-      sweep_part<1>(row, part, kept, next);
+    if (moments_.size() == kMostMoments)
+      sweep_part<kMostMoments>(row, part, kept, next);
     else
-      sweep_part<0>(row, part, kept, next);
+      sweep_part<4>(row, part, kept, next);
     for (size_t k = 0; k < state_.size(); ++k) {
       // The border, in whose last vector the row ends.
       float* const light_row = state_[k].light_row;
@@ -153,14 +154,30 @@ class Sweep {
     }
   }
 
-  /// All beams through a vector of nodes after another.
-  template <size_t kSources>
+  template <size_t kMoments>
   void sweep_part(std::ptrdiff_t row, const SweepRow& part, const SweepRow& kept, std::ptrdiff_t next) {
+    if (beams_[0].source)
+      sweep_nodes<kOwnSource, kMoments>(row, part, kept, next);
+    else if (media_.sources == kMostMoments)
+      sweep_nodes<kMostMoments, kMoments>(row, part, kept, next);
+    else if (media_.sources == 4)
+      sweep_nodes<4, kMoments>(row, part, kept, next);
+    else if (media_.sources == 1)
+      sweep_nodes<1, kMoments>(row, part, kept, next);
+    else
+      sweep_nodes<0, kMoments>(row, part, kept, next);
+  }
+
+  /// All beams through a vector of nodes after another.
+  template <size_t kSources, size_t kMoments>
+  void sweep_nodes(std::ptrdiff_t row, const SweepRow& part, const SweepRow& kept, std::ptrdiff_t next) {
     const D d;
     for (int z = part.begin; z < part.end; z += static_cast<int>(hn::Lanes(d))) {
       const V extinction = hn::LoadU(d, media_.extinction + row + z);
-      V source[4], sum[4] = {hn::Zero(d), hn::Zero(d), hn::Zero(d), hn::Zero(d)};
-      for (size_t i = 0; i < kSources; ++i) source[i] = hn::LoadU(d, media_.source[i] + row + z);
+      V source[kMostMoments], sum[kMoments];
+      for (V& s : sum) s = hn::Zero(d);
+      for (size_t i = 0; i < kSources && kSources != kOwnSource; ++i)
+        source[i] = hn::LoadU(d, media_.source[i] + row + z);
       for (size_t k = 0; k < state_.size(); ++k) {
         const SweepBeam& b = beams_[k];
         const Beam& beam = state_[k];
@@ -170,18 +187,23 @@ class Sweep {
         const V transmitted = 1.0f / (1.0f + tau * m);
         V light = beam.upwind(beam.light_before + z, domain_.row) * transmitted;
         if constexpr (kSources > 0) {
-          V gain = b.factor[0] * source[0];
-          for (size_t i = 1; i < kSources; ++i) gain = gain + b.factor[i] * source[i];
-          gain = hn::Max(gain, hn::Zero(d));
+          V gain;
+          if constexpr (kSources == kOwnSource) {
+            gain = hn::LoadU(d, b.source + row + z);
+          } else {
+            gain = b.factor[0] * source[0];
+            for (size_t i = 1; i < kSources; ++i) gain = gain + b.factor[i] * source[i];
+            gain = hn::Max(gain, hn::Zero(d));
+          }
           hn::StoreU(gain, d, beam.gained_row + z);
           const V mean = 0.5f * (beam.upwind(beam.gained_before + z, domain_.row) + gain);
           light = light + beam.length * mean * (m * transmitted);
         }
         hn::StoreU(light, d, beam.light_row + z);
-        for (size_t i = 0; i < 4; ++i) sum[i] = sum[i] + b.factor[i] * light;
+        for (size_t i = 0; i < kMoments; ++i) sum[i] = sum[i] + b.factor[i] * light;
       }
-      if (moments_[0] && z >= kept.begin && z < kept.end)
-        for (size_t i = 0; i < 4; ++i) {
+      if (!moments_.empty() && z >= kept.begin && z < kept.end)
+        for (size_t i = 0; i < kMoments; ++i) {
           float* const to = moments_[i] + row + z;
           hn::StoreU(adds_ ? hn::LoadU(d, to) + sum[i] : sum[i], d, to);
         }
@@ -191,7 +213,7 @@ class Sweep {
   const SweepDomain& domain_;
   const SweepMedia& media_;
   const std::span<const SweepBeam> beams_;
-  const std::array<float*, 4>& moments_;
+  const std::span<float* const> moments_;
   const bool adds_;
   const size_t along_;  // the axis that planes follow one another on
   const int sign_;
@@ -201,7 +223,7 @@ class Sweep {
 };
 
 void SweepLattice(const SweepDomain& domain, const SweepMedia& media, std::span<const SweepBeam> beams,
-                  const std::array<float*, 4>& moments, bool adds) {
+                  std::span<float* const> moments, bool adds) {
   Sweep(domain, media, beams, moments, adds).run();
 }
 
@@ -214,7 +236,7 @@ namespace brume {
 HWY_EXPORT(SweepLattice);
 
 void sweep(const SweepDomain& domain, const SweepMedia& media, std::span<const SweepBeam> beams,
-           const std::array<float*, 4>& moments, bool adds) {
+           std::span<float* const> moments, bool adds) {
   if (!beams.empty()) HWY_DYNAMIC_DISPATCH(SweepLattice)(domain, media, beams, moments, adds);
 }
 

@@ -7,6 +7,9 @@
 
 namespace brume {
 
+/// Of light over directions: its mean, three of the first order and five of the second.
+inline constexpr size_t kMostMoments = 9;
+
 /// The nodes of a row that matter, in whole vectors; none where begin is not below end.
 struct SweepRow {
   int begin = 0, end = 0;
@@ -23,17 +26,18 @@ struct SweepDomain {
 
 /// One direction of travel.
 struct SweepBeam {
-  std::array<double, 3> direction{};        ///< in the domain's axes, of length 1
-  std::array<float, 4> factor{1, 0, 0, 0};  ///< of each of SweepMedia::source
-  float incoming = 0;                       ///< radiance that enters at the border
-  float* radiance = nullptr;                ///< of domain.size() floats, or null where it is not wanted
+  std::array<double, 3> direction{};          ///< in the domain's axes, of length 1
+  std::array<float, kMostMoments> factor{1};  ///< of each of SweepMedia::source
+  float incoming = 0;                         ///< radiance that enters at the border
+  float* radiance = nullptr;                  ///< of domain.size() floats, or null where it is not wanted
+  const float* source = nullptr;  ///< light added on the way, in place of SweepMedia's; of all beams, or null
 };
 
 /// What beams pass through, domain.size() floats each.
 struct SweepMedia {
-  const float* extinction = nullptr;     ///< per spacing
-  std::array<const float*, 4> source{};  ///< light added on the way, per spacing: the sum of factor[i] * source[i]
-  size_t sources = 0;                    ///< how many of them there are
+  const float* extinction = nullptr;                ///< per spacing
+  std::array<const float*, kMostMoments> source{};  ///< light added on the way, per spacing: sum of factor[i] source[i]
+  size_t sources = 0;                               ///< how many of them there are: 0, 1, 4 or 9
 };
 
 /// Radiance along a few directions at every node, plane by plane from where it comes (short characteristics): between
@@ -41,11 +45,11 @@ struct SweepMedia {
 /// narrow beam is widened by the interpolation, as the method does. All beams go through a plane together.
 ///
 /// @param beams    of their components the same one of the first two must be the largest, of the same sign
-/// @param moments  null, or for each i the sum over the beams of factor[i] times radiance, of domain.size() floats
+/// @param moments  none, 4 or 9: for each the sum over the beams of its factor times radiance, of domain.size() floats
 /// @param adds     moments are added to what is there
 /// Results are written where they are wanted, but for the border: the first plane and the last, first row and last.
 /// Source: Kunasz, Auer 1988, Short characteristic integration of radiative transfer problems.
 void sweep(const SweepDomain& domain, const SweepMedia& media, std::span<const SweepBeam> beams,
-           const std::array<float*, 4>& moments, bool adds = false);
+           std::span<float* const> moments, bool adds = false);
 
 }  // namespace brume

@@ -9,6 +9,8 @@
 #include "base/error.h"
 #include "base/rng.h"
 #include "filters/api/registry.h"
+#include "filters/inputs/extremes.h"
+#include "filters/inputs/guide_layers.h"
 #include "filters/run/apply.h"
 #include "tests/support/frames.h"
 
@@ -242,6 +244,24 @@ TEST(BrightPixels, AreNotFoundInSkewedNoise) {
     apply_filter(parse_filter("gaussian"), without_halves(frame), {}, {}, &report);
     EXPECT_EQ(report.extreme_pixels, 0u) << samples;
   }
+}
+
+// Near a lamp in fog a pixel may outshine all around it: where the guides say so, it is no single sample.
+TEST(BrightPixels, ThatGuidesPredictAreNotLimited) {
+  constexpr float kValue = 60;
+  const Layers frame = with_bright_pixel(sampled_frame(128, 128, 16, 0.2, 8, flat), kValue, /*one_sample=*/true);
+  const auto found = [&](int x, float predicted) {
+    Layers guided = frame;
+    for (Plane* p : guided.add_rgb(guide_layer::predicted_indirect)) (*p)(x, 60) = predicted;
+    return find_extremes(guided, layer::indirect, {});
+  };
+  EXPECT_EQ(found(64, kValue).size(), 0u);
+  EXPECT_EQ(found(64, kValue / 9).size(), 0u) << "K is 25 at 16 samples";
+  EXPECT_EQ(found(63, kValue).size(), 1u) << "of another pixel";
+  // It comes down to what is predicted, if that is more than what is around it.
+  const std::vector<Extreme> limited = found(64, kValue / 60);
+  ASSERT_EQ(limited.size(), 1u);
+  EXPECT_NEAR(limited[0].factor, 1.0 / 60, 2e-3);
 }
 
 TEST(BrightPixels, DoNotReachTheFramesBeforeAndAfter) {

@@ -150,6 +150,8 @@ void run(const TransportRegression& p, const FilterFrame& frame, const FilterOut
   Rgb clean = mean(chosen, task);
   redistribute_energy(clamped.taken, clean, known.mask, task);
   for (size_t c = 0; c < 3; ++c) add_to(clean[c], 1, clamped.points[c], task);
+  if (!known.expected[0].empty())
+    keep_within_known(frame.signal, known.expected, known.mask, frame.name == layer::direct, clean, task);
   if (!own.halves && !known.surfaces.share.empty())
     keep_within_neighbours(frame.signal, known.surfaces.share, clean, task);
   for (size_t c = 0; c < 3; ++c)
