@@ -1,13 +1,13 @@
 #include "tests/support/volumes.h"
 
 #include <gtest/gtest.h>
-#include <openvdb/openvdb.h>
 
 #include <bit>
 #include <cmath>
 
 #include "render/scene/scene_io.h"
 #include "tests/support/files.h"
+#include "tests/support/vdb_grids.h"
 #include "volume/vdb_io.h"
 
 namespace brume::test {

@@ -3,9 +3,9 @@
 #include "volume/displacement.h"
 
 #include <gtest/gtest.h>
-#include <openvdb/openvdb.h>
 
 #include "tests/support/files.h"
+#include "tests/support/vdb_grids.h"
 #include "volume/medium.h"
 #include "volume/vdb_io.h"
 

@@ -1,10 +1,10 @@
 // Grids of halves, and coarser levels of detail beside a grid.
 
 #include <gtest/gtest.h>
-#include <openvdb/openvdb.h>
 
 #include "tests/support/error_of.h"
 #include "tests/support/files.h"
+#include "tests/support/vdb_grids.h"
 #include "volume/vdb_io.h"
 
 namespace brume {

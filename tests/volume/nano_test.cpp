@@ -6,12 +6,12 @@
 #include <gtest/gtest.h>
 #include <nanovdb/util/IO.h>
 #include <nanovdb/util/OpenToNanoVDB.h>
-#include <openvdb/openvdb.h>
 
 #include <fstream>
 
 #include "base/error.h"
 #include "tests/support/files.h"
+#include "tests/support/vdb_grids.h"
 #include "volume/vdb_io.h"
 
 namespace brume {

@@ -2,7 +2,6 @@
 
 #include <fmt/format.h>
 #include <gtest/gtest.h>
-#include <openvdb/openvdb.h>
 #include <openvdb/points/PointConversion.h>
 #include <openvdb/tools/LevelSetSphere.h>
 
@@ -14,6 +13,7 @@
 
 #include "base/error.h"
 #include "tests/support/files.h"
+#include "tests/support/vdb_grids.h"
 #include "tests/support/volumes.h"
 #include "volume/medium.h"
 #include "volume/procedural.h"

@@ -29,15 +29,19 @@ const complaints: string[] = [];
 
 async function open(context: BrowserContext, file: string, hash = ""): Promise<Page> {
   const page = await context.newPage();
-  page.on("console", (m) => ["error", "warning"].includes(m.type()) && complaints.push(`${file}#${hash}: ${m.text()}`));
-  page.on("pageerror", (e) => complaints.push(`${file}#${hash}: ${e.stack}`));
-  page.on(
-    "request",
-    (r) => /^(file|data|blob):/.test(r.url()) || complaints.push(`${file}#${hash}: asked for ${r.url()}`),
-  );
+  const complain = (what: string) => complaints.push(`${page.url()}: ${what}`);
+  page.on("console", (m) => ["error", "warning"].includes(m.type()) && complain(m.text()));
+  page.on("pageerror", (e) => complain(String(e.stack)));
+  page.on("request", (r) => /^(about|file|data|blob):/.test(r.url()) || complain(`asked for ${r.url()}`));
+  await load(page, file, hash);
+  return page;
+}
+
+/** Loads a file as if a new page were opened, which takes the browser's processes two seconds more. */
+async function load(page: Page, file: string, hash: string): Promise<void> {
+  if (page.url() !== "about:blank") await page.goto("about:blank"); // another hash alone loads nothing
   await page.goto(pathToFileURL(file).href + (hash ? `#${hash}` : ""));
   await page.locator(".methods li").first().waitFor();
-  return page;
 }
 
 /** A context without a network. */
@@ -96,14 +100,11 @@ describe("the page that brume evaluate writes", () => {
   test("shows every method and the numbers of results.json", async () => {
     const results = JSON.parse(readFileSync(join(evaluated, "results.json"), "utf8")) as Results;
     const context = await reader();
+    const page = await open(context, file);
     for (const scene of results.scenes)
       for (const spp of results.spp)
         for (const region of ["medium", "frame"]) {
-          const page = await open(
-            context,
-            file,
-            `tab=numbers&setting=&scene=${scene.name}&spp=${spp}&region=${region}`,
-          );
+          await load(page, file, `tab=numbers&setting=&scene=${scene.name}&spp=${spp}&region=${region}`);
           const listed = await page
             .locator(".methods li")
             .evaluateAll((rows) => rows.map((r) => (r as HTMLElement).dataset["method"]));
@@ -136,7 +137,6 @@ describe("the page that brume evaluate writes", () => {
             );
             assert.ok(Math.abs(printed - mean) <= 0.006 * Math.abs(mean), `${text} is not ${mean}`);
           }
-          await page.close();
         }
     await context.close();
   });
@@ -481,13 +481,11 @@ describe("the answer on top", () => {
   test("is results.json's of a real evaluation", async () => {
     const results = JSON.parse(readFileSync(join(evaluated, "results.json"), "utf8")) as Results;
     const context = await reader();
+    const file = join(evaluated, "index.html");
+    const page = await open(context, file);
     for (const region of ["medium", "frame"] as const)
       for (const metric of ["lab_rms", "psnr", "flip"]) {
-        const page = await open(
-          context,
-          join(evaluated, "index.html"),
-          `region=${region}&metric=${metric}&setting=default`,
-        );
+        await load(page, file, `region=${region}&metric=${metric}&setting=default`);
         const own = results.overall.find((o) => o.region === region && o.metric === metric && o.setting === "default")!;
         assert.equal(own.methods.length, 4, "path tracing and three filters");
         assert.deepEqual(own.scenes, ["smoke", "cloud"]);
@@ -501,7 +499,6 @@ describe("the answer on top", () => {
           (f) => f.scene === "smoke" && f.region === region && f.metric === metric && f.setting === "default",
         );
         assert.ok(front && front.front.length > 0);
-        await page.close();
       }
     await context.close();
   });
@@ -890,18 +887,18 @@ describe("every view", () => {
     for (const scheme of ["light", "dark"] as const)
       test(`is accessible and fits a ${device} in ${scheme} colours`, async () => {
         const context = await reader(viewport, scheme);
+        const page = await open(context, made);
         const found: string[] = [];
         for (const [name, hash] of Object.entries(VIEWS)) {
-          const page = await open(context, made, hash);
+          await load(page, made, hash);
           for (const canvas of await page.locator(".pane canvas").all()) await drawn(canvas);
           await page.screenshot({ path: join(shots, `${device}_${scheme}_${name}.png`), fullPage: true });
           const wide = await page.evaluate(() => document.documentElement.scrollWidth - innerWidth);
           if (wide > 0) found.push(`${name} is ${wide} pixels wider than the ${device}`);
           // What depends on the size does not on the colours.
           if (device === "desktop" || scheme === "light") found.push(...(await violations(page, name)));
-          await page.close();
         }
-        const page = await open(context, made);
+        await load(page, made, "");
         await page.keyboard.press("?");
         await page.getByRole("dialog").waitFor({ state: "visible" });
         await page.screenshot({ path: join(shots, `${device}_${scheme}_help.png`) });
@@ -912,15 +909,16 @@ describe("every view", () => {
 
   test("can be printed", async () => {
     const context = await reader({ width: 794, height: 1123 }, "dark");
+    const page = await open(context, made);
     for (const name of ["swipe", "grid", "numbers", "plots", "about"]) {
-      const page = await open(context, made, VIEWS[name]);
+      await page.emulateMedia({ media: null });
+      await load(page, made, VIEWS[name]!);
       for (const canvas of await page.locator(".pane canvas").all()) await drawn(canvas);
       await page.emulateMedia({ media: "print" });
       await page.screenshot({ path: join(shots, `print_${name}.png`), fullPage: true });
       await page.locator(".methods").waitFor({ state: "hidden" });
       const ground = () => page.evaluate(() => getComputedStyle(document.documentElement).backgroundColor);
       await comesTo(ground, "rgb(255, 255, 255)");
-      await page.close();
     }
     await context.close();
   });
