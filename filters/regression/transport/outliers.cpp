@@ -211,17 +211,21 @@ void redistribute_energy(const Rgb& taken, Rgb& picture, const Plane& mask, cons
 void keep_within_known(const RgbPlanes& data, const Rgb& expected, const Plane& mask, bool from_above, Rgb& picture,
                        const Task& task) {
   constexpr int kLowRadius = 1, kHighRadius = 2;
-  constexpr float kShare = 0.5f, kTimes = 3;
+  constexpr float kLow = 0.5f, kHigh = 3, kExplained = 2;
   for (size_t c = 0; c < 3; ++c) {
     const Plane low = window_minimum(*data[c], kLowRadius, task);
-    const Plane high = from_above ? window_maximum(*data[c], kHighRadius, task) : Plane();
+    Plane shown, explained;
+    if (from_above) {
+      shown = box_mean(*data[c], kHighRadius, task);
+      explained = box_mean(expected[c], kHighRadius, task);
+    }
     for_each_pixel(mask.width(), mask.height(), quiet(task), [&](int x, int y) {
       if (!(mask(x, y) > 0)) return;
       float& value = picture[c](x, y);
-      const float least = std::min(low(x, y), expected[c](x, y));
-      if (value < kShare * least) value = least;
+      const float least = std::min(low(x, y), expected[c](x, y)), most = std::max((*data[c])(x, y), expected[c](x, y));
+      if (value < kLow * least) value = least;
       if (least >= 0) value = std::max(value, 0.0f);
-      if (from_above) value = std::min(value, std::max(kTimes * high(x, y), expected[c](x, y)));
+      if (from_above && value > kHigh * most && shown(x, y) < kExplained * explained(x, y)) value = most;
     });
   }
 }
