@@ -204,25 +204,6 @@ TEST(EmittingMeshes, ARingAroundHazeIsScatteredAsTheTracerDoes) {
   EXPECT_NEAR(predicted / expected, 1.0, 0.05);
 }
 
-TriangleMesh sphere_of(const dvec3& middle, double radius) {
-  constexpr int kAround = 96, kUp = 48;
-  TriangleMesh mesh;
-  for (int j = 0; j <= kUp; ++j)
-    for (int i = 0; i < kAround; ++i) {
-      const double theta = kPi * j / kUp, phi = 2 * kPi * i / kAround;
-      const dvec3 out(std::sin(theta) * std::cos(phi), std::sin(theta) * std::sin(phi), std::cos(theta));
-      mesh.positions.push_back(middle + radius * out);
-      mesh.normals.push_back(vec3(out));
-    }
-  for (int j = 0; j < kUp; ++j)
-    for (int i = 0; i < kAround; ++i) {
-      const int a = j * kAround + i, b = j * kAround + (i + 1) % kAround;
-      if (j > 0) mesh.triangles.push_back({a, a + kAround, b});
-      if (j + 1 < kUp) mesh.triangles.push_back({b, a + kAround, b + kAround});
-    }
-  return mesh;
-}
-
 // Of unit vectors the products of the moments of the second order add up to P2 of the cosine between them.
 TEST(Moments, OfTheSecondOrderAreP2) {
   Rng rng(7);
@@ -235,81 +216,6 @@ TEST(Moments, OfTheSecondOrderAreP2) {
     const double cosine = glm::dot(a, b);
     EXPECT_NEAR(sum, 1.5 * cosine * cosine - 0.5, 1e-6);
   }
-}
-
-// A narrow beam through the middle of a ball of thin fog: what is scattered twice is the same all around it, seen from
-// the side, whichever way the beam lies among the lattice's directions.
-TEST(ScatteringSolver, ABeamLightsWhatIsAroundItAlikeOnAllSides) {
-  Scene scene = haze(1, 0.3, 0.9);
-  scene.environment.radiance = dvec3(0);
-  scene.volumes[0].shape = "sphere";
-  scene.volumes[0].g = 0.5;
-  const dvec3 axis = glm::normalize(dvec3(0.7, 0.1, -0.6));
-  LightSettings spot;
-  spot.type = "spot";
-  spot.position = -1.2 * axis;
-  spot.direction = axis;
-  spot.intensity = dvec3(10);
-  spot.cone_angle = 20;
-  scene.lights.push_back(spot);
-  const Solved solved(scene);
-  const Source& twice = solved.fields.lights()[0]->orders[0];
-  ASSERT_EQ(twice.known(), kMostMoments);
-  const Frame frame(axis);
-  for (const double along : {-0.3, 0.2}) {
-    double least = 1e9, most = 0;
-    for (int i = 0; i < 12; ++i) {
-      const double phi = 2 * kPi * i / 12;
-      const dvec3 out = std::cos(phi) * frame.x + std::sin(phi) * frame.y, aside = glm::cross(axis, out);
-      const NodeWeights at(solved.fields.lattice(), along * axis + 0.6 * out - solved.scene.world_shift());
-      const std::array<float, kMostMoments> factors = moments_of(aside);
-      double light = 0;
-      for (size_t k = 0; k < kMostMoments; ++k) light += static_cast<double>(factors[k] * at(twice[k]));
-      least = std::min(least, light);
-      most = std::max(most, light);
-    }
-    EXPECT_GT(least, 0.75 * most) << along;
-  }
-}
-
-// A metal ball under a small lamp sends its highlight in all directions alike: of a mirror of radius R in light of
-// irradiance E, an intensity of E R^2 / 4 each way. Few rays look at it from the floor: none finds it by chance.
-TEST(SurfaceLight, OfAMetalBallIsThatOfAConvexMirror) {
-  constexpr double kR = 0.2, kHeight = 0.7, kAlbedo = 0.9;
-  Scene scene = haze(0.1, 1e-4, 0.5);
-  scene.environment.radiance = dvec3(0);
-  const dvec3 middle(0, 0, 0.3);
-  SurfaceSettings ball;
-  ball.mesh = std::make_shared<TriangleMesh>(sphere_of(middle, kR));
-  ball.material = "conductor";
-  ball.albedo = dvec3(kAlbedo);
-  ball.edge_albedo = dvec3(kAlbedo);
-  ball.roughness = 0.2;
-  scene.surfaces.push_back(ball);
-  scene.surfaces.push_back(floor_of(3, middle.z - kHeight, 0.01));
-  LightSettings lamp;
-  lamp.type = "sphere";
-  lamp.position = {0, 0, 20.0};
-  lamp.radius = 0.4;
-  lamp.radiance = dvec3(1e4);
-  scene.lights.push_back(lamp);
-  const Solved solved(scene);
-  const double irradiance = kPi * 1e4 * 0.4 * 0.4 / (19.7 * 19.7);
-  double sum = 0, least = 1e9, most = 0;
-  for (int i = 0; i < 16; ++i) {
-    const double phi = 2 * kPi * i / 16;
-    const dvec3 p(std::cos(phi), std::sin(phi), middle.z - kHeight + 1e-4);
-    const SurfaceLight::Around around = solved.fields.surface_light()->onto(p - solved.scene.world_shift(), {0, 0, 1});
-    const dvec3 to = middle - p;
-    const double expected = kAlbedo * irradiance * kR * kR / 4 * to.z / std::pow(glm::length(to), 3) / kPi;
-    const double ratio = in_colour(around.reflected, kGrey) / expected;
-    sum += ratio / 16;
-    least = std::min(least, ratio);
-    most = std::max(most, ratio);
-  }
-  EXPECT_NEAR(sum, 1.0, 0.4);
-  EXPECT_GT(least, 0.4);
-  EXPECT_LT(most, 2.0);
 }
 
 // What becomes suns is taken from the sky: together they light as before.

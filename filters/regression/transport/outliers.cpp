@@ -211,7 +211,7 @@ void redistribute_energy(const Rgb& taken, Rgb& picture, const Plane& mask, cons
 void keep_within_known(const RgbPlanes& data, const Rgb& expected, const Plane& mask, bool from_above, Rgb& picture,
                        const Task& task) {
   constexpr int kLowRadius = 1, kHighRadius = 2;
-  constexpr float kLow = 0.5f, kHigh = 3, kExplained = 2;
+  constexpr float kLow = 0.1f, kHigh = 10, kExplained = 2;
   for (size_t c = 0; c < 3; ++c) {
     const Plane low = window_minimum(*data[c], kLowRadius, task);
     Plane shown, explained;

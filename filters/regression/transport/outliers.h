@@ -26,10 +26,10 @@ ClampedHalves draw_outliers_in(RegressionInputs& inputs, float power, double lim
 /// Returns light to the neighbourhood it was taken from, in proportion to the picture.
 void redistribute_energy(const Rgb& taken, Rgb& picture, const Plane& mask, const Task& task);
 
-/// Keeps a picture near what the guides expect and the data show: not below half of the smaller of what is expected at a
-/// pixel and the least of 3 x 3 pixels of the data, and not below 0. Beside what is much brighter, as a beam near its
-/// lamp, fits of wide windows go beyond.
-/// @param from_above  whether also not above three times what is expected and shown at a pixel, where the guides explain
+/// Keeps a picture near what the guides expect and the data show: not below a tenth of the smaller of what is expected
+/// at a pixel and the least of 3 x 3 pixels of the data, and not below 0. Beside what is much brighter, as a beam near
+/// its lamp, fits of wide windows go beyond.
+/// @param from_above  whether also not above ten times what is expected and shown at a pixel, where the guides explain
 ///                    at least half of what 5 x 5 pixels show
 void keep_within_known(const RgbPlanes& data, const Rgb& expected, const Plane& mask, bool from_above, Rgb& picture,
                        const Task& task);
