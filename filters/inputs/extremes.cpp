@@ -13,7 +13,6 @@ namespace {
 
 // What is extreme over the level of the surroundings: for one sample per pixel, and at least.
 constexpr double kRatioOfOneSample = 100, kLeastRatio = 10;
-constexpr double kKnownShare = 0.2;           // of that, over what the guides predict at the pixel itself
 constexpr int kSurroundings = 10, kArea = 2;  // half widths [px]
 constexpr double kTrimmed = 0.05;             // of the surroundings' pixels, the brightest
 constexpr double kAreaRatio = 4, kLoneRatio = 2, kAgreement = 3;
@@ -156,8 +155,6 @@ std::vector<Extreme> find_extremes(const Layers& frame, const LayerName& signal,
       const double n = counts ? static_cast<double>((*counts)(x, y)) : samples;
       const double ratio = std::max(kLeastRatio, kRatioOfOneSample / std::sqrt(std::max(1.0, n)));
       if (!(light > ratio * typical)) continue;
-      const double known = expected(x, y);
-      if (!(light > kKnownShare * ratio * (known + typical))) continue;
       int around = 0, like_it = 0;
       double brightest = 0;
       for_each_around(x, y, kArea, width, height, [&](int qx, int qy) {
@@ -167,9 +164,14 @@ std::vector<Extreme> find_extremes(const Layers& frame, const LayerName& signal,
         ++around;
       });
       if (2 * like_it >= around) continue;
-      const double surrounding = surrounding_level(mean, space, x, y, values), level = std::max(known, surrounding);
-      if (!(light > ratio * (surrounding + typical))) continue;
+      double level = surrounding_level(mean, space, x, y, values);
+      if (!(light > ratio * (level + typical))) continue;
       const bool kept = halves ? both_show(a, b, space, light, x, y) : kLoneRatio * brightest > light;
+      if (!kept) {
+        const double known = expected(x, y);
+        if (!(light > ratio * (known + typical))) continue;
+        level = std::max(level, known);
+      }
       rows[static_cast<size_t>(y)].push_back({x, y, level / light, kept});
     }
   });

@@ -17,12 +17,12 @@ struct Extreme {
 bool meet_by_chance(int in_one, int pixels);
 
 /// Finds them in a signal. A pixel is extreme where its luminance is more than K times the mean of the 21 x 21 pixels
-/// around it (without the brightest twentieth), and a fifth of that of what the guides predict there, plus the median
-/// of the frame's lit pixels, and where fewer than half of the 5 x 5 pixels around it have a quarter of it. K is 100 /
-/// sqrt(samples per pixel), at least 10: the noise of paths stays below it but for the strongest forward scattering
-/// (docs/methods.md). It is real where both half images show it and too few pixels around are as bright in one half
-/// alone for two of these to meet by chance, without halves where another of the 5 x 5 has half of it: a lamp, a star.
-/// Otherwise it is one sample.
+/// around it (without the brightest twentieth) plus the median of the frame's lit pixels, and where fewer than half of
+/// the 5 x 5 pixels around it have a quarter of it. K is 100 / sqrt(samples per pixel), at least 10: the noise of paths
+/// stays below it but for the strongest forward scattering (docs/methods.md). It is real where both half images show
+/// it and too few pixels around are as bright in one half alone for two of these to meet by chance, without halves
+/// where another of the 5 x 5 has half of it: a lamp, a star. Otherwise it is one sample, and only extreme if it is
+/// also more than K times what the guides predict there.
 std::vector<Extreme> find_extremes(const Layers& frame, const LayerName& signal, const Task& task);
 
 /// What was done about them.
