@@ -5,6 +5,7 @@
 #include <optional>
 #include <utility>
 
+#include "base/golden_ratio.h"
 #include "base/math.h"
 #include "render/guides/attenuation.h"
 #include "render/guides/light_rim.h"
@@ -16,7 +17,6 @@ namespace {
 
 constexpr double kDark = 50;         // optical depth behind which nothing is lit
 constexpr int kHighlightAcross = 4;  // points of a light, and as many directions of a lobe
-constexpr double kGoldenRatio = 0.6180339887498949;
 
 constexpr double kWidestLobe = 0.6;  // alpha of a metal that is seen by few rays: wider lobes lose light
 constexpr double kSharpGloss = 0.4;  // roughness of coats below which they are seen to mirror

@@ -8,6 +8,7 @@
 #include <optional>
 #include <tuple>
 
+#include "base/golden_ratio.h"
 #include "base/parallel_for.h"
 #include "render/guides/media_line.h"
 #include "render/guides/pixel_rays.h"
@@ -181,7 +182,7 @@ class Mattes::Row {
     while (light && !light->solid());
     if (light) end = passed;
     std::fill(hidden_.begin(), hidden_.end(), 0.0);
-    const double left = march(ray, end, s.time, pattern.count == 1 ? kStep : kSteps, turn(0.6180339887498949));
+    const double left = march(ray, end, s.time, pattern.count == 1 ? kStep : kSteps, turn(kGoldenRatio));
     for (size_t m = 0; m < hidden_.size(); ++m) {
       range_[m].least = std::min(range_[m].least, hidden_[m]);
       range_[m].most = std::max(range_[m].most, hidden_[m]);

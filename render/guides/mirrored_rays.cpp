@@ -4,6 +4,7 @@
 #include <array>
 #include <cmath>
 
+#include "base/golden_ratio.h"
 #include "base/math.h"
 #include "render/guides/attenuation.h"
 #include "render/guides/ray_march.h"
@@ -23,8 +24,7 @@ constexpr int kWide = 4;               // pixels along a side of squares that ar
 constexpr int kSquareRays = 2;         // that look for them along a side of each
 // Around where a corner's ray ends, over how far the other corners' end from there; where not all come there [rad].
 constexpr double kSpread = 1.5, kUnknownSpread = 0.5;
-constexpr double kFainter = 4;  // the corners' rays follow branches of so many times less weight
-constexpr double kGoldenRatio = 0.6180339887498949;
+constexpr double kFainter = 4;      // the corners' rays follow branches of so many times less weight
 constexpr double kLongestStep = 6;  // of rays that stand for many directions
 
 }  // namespace

@@ -3,6 +3,7 @@
 #include <algorithm>
 #include <cmath>
 
+#include "base/golden_ratio.h"
 #include "base/math.h"
 #include "base/parallel_for.h"
 #include "render/guides/attenuation.h"
@@ -25,7 +26,6 @@ constexpr int kMostReflections = 64;
 constexpr double kWidestCone = 0.5;  // half angle of what a ray stands for [rad]
 constexpr double kUneven = 0.2;      // mean deviation from the mean share of the sky
 constexpr double kMostBacks = 0.5;   // of a probe's rays, that meet surfaces from behind
-constexpr double kGoldenRatio = 0.6180339887498949;
 
 /// Unit vectors around z, their number per solid angle as the cosine.
 std::vector<dvec3> spiral_by_cosine(int count) {

@@ -5,6 +5,7 @@
 #include <numbers>
 #include <unordered_map>
 
+#include "base/golden_ratio.h"
 #include "base/math.h"
 #include "base/parallel_for.h"
 #include "render/guides/lit_surface.h"
@@ -99,7 +100,7 @@ bool SurfacePoints::find_reach(const Surfaces& surfaces, const Task& task) {
     const double between = std::sqrt(point.area), farthest = kFarthest * between;
     double sum = 0;
     for (int k = 0; k < kReachRays; ++k) {
-      const double sine2 = (k + 0.5) / kReachRays, turn = (k + 0.37 * i) * 0.6180339887498949;
+      const double sine2 = (k + 0.5) / kReachRays, turn = (k + 0.37 * i) * kGoldenRatio;
       const SinCos phi = portable_sincos_2pi(turn - std::floor(turn));
       const dvec3 d(std::sqrt(sine2) * phi.cos, std::sqrt(sine2) * phi.sin, std::sqrt(1 - sine2));
       if (const auto hit = surfaces.intersect({point.p, frame.to_world(d)}, farthest)) sum += 1 / hit->t;

@@ -5,7 +5,6 @@
 
 #include <fmt/format.h>
 #include <gtest/gtest.h>
-#include <hwy/targets.h>
 
 #include <cmath>
 #include <memory>
@@ -15,6 +14,7 @@
 #include "tests/support/error_of.h"
 #include "tests/support/files.h"
 #include "tests/support/reference_frame.h"
+#include "tests/support/targets.h"
 #include "tests/support/volumes.h"
 
 namespace brume {
@@ -205,12 +205,8 @@ TEST(DetailInScenes, HasTheSameBitsWhateverTheLanes) {
     const PreparedScene prepared(scene, LayerRequest::of({"direct", "indirect", "optical_depth", "guides"}, true));
     const Layers best = prepared.render(4, 1, {}).layers;
     test::expect_same_bits(best, prepared.render(4, 1, {1, {}, nullptr}).layers, "one thread");
-    for (int64_t targets = hwy::SupportedTargets(); targets; targets &= targets - 1) {
-      const int64_t target = targets & -targets;
-      hwy::SetSupportedTargetsForTest(target);
-      test::expect_same_bits(best, prepared.render(4, 1, {}).layers, hwy::TargetName(target));
-    }
-    hwy::SetSupportedTargetsForTest(0);
+    test::on_every_target(
+        [&](const std::string& name) { test::expect_same_bits(best, prepared.render(4, 1, {}).layers, name); });
   }
 }
 

@@ -176,12 +176,8 @@ TEST(Guides, AreTheSameOnEveryInstructionSet) {
       return frame;
     };
     const Layers best = marched();
-    for (int64_t targets = hwy::SupportedTargets(); targets; targets &= targets - 1) {
-      const int64_t target = targets & -targets;
-      hwy::SetSupportedTargetsForTest(target);
-      test::expect_same_bits(best, marched(), scene.name + " " + hwy::TargetName(target));
-    }
-    hwy::SetSupportedTargetsForTest(0);
+    test::on_every_target(
+        [&](const std::string& name) { test::expect_same_bits(best, marched(), scene.name + " " + name); });
   }
 }
 

@@ -1,5 +1,4 @@
 #include <gtest/gtest.h>
-#include <hwy/targets.h>
 
 #include <algorithm>
 #include <cmath>
@@ -8,6 +7,7 @@
 #include "render/transport/wavefront.h"
 #include "render/world/camera.h"
 #include "tests/support/files.h"
+#include "tests/support/targets.h"
 #include "tests/support/volumes.h"
 #include "volume/gradient.h"
 
@@ -185,12 +185,8 @@ TEST(Isosurface, OfRaysThatEnterTheGridOneByOne) {
   job.spp = 64, job.crop = {140, 130, 204, 194};
   const PreparedScene prepared(scene, LayerRequest::of({"gradient", "coverage"}, true));
   const Layers best = prepared.render(job, {}).layers;
-  for (int64_t targets = hwy::SupportedTargets(); targets; targets &= targets - 1) {
-    const int64_t target = targets & -targets;
-    hwy::SetSupportedTargetsForTest(target);
-    test::expect_same_bits(best, prepared.render(job, {}).layers, hwy::TargetName(target));
-  }
-  hwy::SetSupportedTargetsForTest(0);
+  test::on_every_target(
+      [&](const std::string& name) { test::expect_same_bits(best, prepared.render(job, {}).layers, name); });
 }
 
 // What the walk to the surface finds does not depend on the cells either: the marked voxels are the same.

@@ -1,7 +1,6 @@
 #include "render/transport/wavefront.h"
 
 #include <gtest/gtest.h>
-#include <hwy/targets.h>
 
 #include <cmath>
 #include <limits>
@@ -17,6 +16,7 @@
 #include "tests/support/files.h"
 #include "tests/support/random_scene.h"
 #include "tests/support/reference_frame.h"
+#include "tests/support/targets.h"
 #include "tests/support/volumes.h"
 #include "volume/tracking.h"
 
@@ -69,13 +69,8 @@ TEST(Wavefront, EveryInstructionSetGivesTheSameBits) {
     const auto starts = prepared.entry_bounds(Camera(s.camera, 40, 40, prepared.world_shift()), {0, 0, 40, 40});
     bundles += std::any_of(starts.begin(), starts.end(), [](const EntryBound& p) { return p.axis >= 0; });
     const Layers best = prepared.render(4, 1, {}).layers;
-    int seen = 0;
-    for (int64_t targets = hwy::SupportedTargets(); targets; targets &= targets - 1, ++seen) {
-      const int64_t target = targets & -targets;
-      hwy::SetSupportedTargetsForTest(target);
-      test::expect_same_bits(best, prepared.render(4, 1, {}).layers, hwy::TargetName(target));
-    }
-    hwy::SetSupportedTargetsForTest(0);
+    const int seen = test::on_every_target(
+        [&](const std::string& name) { test::expect_same_bits(best, prepared.render(4, 1, {}).layers, name); });
     EXPECT_GT(seen, 1);
   }
   EXPECT_EQ(bundles, 1) << "one scene's pixels are fine, the other's are coarse";
@@ -94,12 +89,8 @@ TEST(Wavefront, PathsInTheWorldHaveTheSameBitsEverywhere) {
     kinds.insert(random.kinds.begin(), random.kinds.end());
     const Layers best = prepared.render(4, 1, {}).layers;
     test::expect_same_bits(best, prepared.render(4, 1, {1, {}, nullptr}).layers, "one thread");
-    for (int64_t targets = hwy::SupportedTargets(); targets; targets &= targets - 1) {
-      const int64_t target = targets & -targets;
-      hwy::SetSupportedTargetsForTest(target);
-      test::expect_same_bits(best, prepared.render(4, 1, {}).layers, hwy::TargetName(target));
-    }
-    hwy::SetSupportedTargetsForTest(0);
+    test::on_every_target(
+        [&](const std::string& name) { test::expect_same_bits(best, prepared.render(4, 1, {}).layers, name); });
   }
   for (const char* kind : {"overlapping", "chromatic", "box", "sphere", "grid", "emissive", "floor", "glass", "sun",
                            "spot", "velocities", "moving object"})

@@ -14,6 +14,20 @@ class EveryTarget : public ::testing::TestWithParam<int64_t> {
   void TearDown() override { hwy::SetSupportedTargetsForTest(0); }
 };
 
+/// Calls visit(name) under each instruction set that this machine has, then leaves the best one.
+/// @return how many there were
+template <class Visit>
+int on_every_target(const Visit& visit) {
+  int seen = 0;
+  for (int64_t targets = hwy::SupportedTargets(); targets; targets &= targets - 1, ++seen) {
+    const int64_t target = targets & -targets;
+    hwy::SetSupportedTargetsForTest(target);
+    visit(std::string(hwy::TargetName(target)));
+  }
+  hwy::SetSupportedTargetsForTest(0);
+  return seen;
+}
+
 inline std::vector<int64_t> targets() {
   std::vector<int64_t> list;
   for (int64_t bits = hwy::SupportedTargets() & HWY_TARGETS; bits != 0; bits &= bits - 1)
