@@ -4,7 +4,7 @@
 #include <string_view>
 #include <variant>
 
-#include "workflows/viewer.h"
+#include "workflows/view/viewer.h"
 
 namespace brume::web {
 

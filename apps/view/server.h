@@ -2,7 +2,7 @@
 #include <memory>
 #include <string>
 
-#include "workflows/viewer.h"
+#include "workflows/view/viewer.h"
 
 namespace brume::web {
 

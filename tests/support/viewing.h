@@ -11,7 +11,7 @@
 #include <utility>
 #include <vector>
 
-#include "workflows/viewer.h"
+#include "workflows/view/viewer.h"
 
 // Somebody who looks at a scene, for tests of what is computed for it and shown.
 namespace brume::test {

@@ -12,7 +12,7 @@
 #include "tests/support/volumes.h"
 #include "workflows/scene.h"
 #include "workflows/scene_source.h"
-#include "workflows/viewed_scene.h"
+#include "workflows/view/viewed_scene.h"
 
 namespace brume {
 namespace {

@@ -13,7 +13,7 @@
 #include "render/scene/scene_io.h"
 #include "tests/support/files.h"
 #include "tests/support/viewing.h"
-#include "workflows/viewed_layers.h"
+#include "workflows/view/viewed_layers.h"
 
 namespace brume {
 namespace {

@@ -1,4 +1,4 @@
-#include "workflows/viewed_layers.h"
+#include "workflows/view/viewed_layers.h"
 
 #include <algorithm>
 #include <set>

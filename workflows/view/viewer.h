@@ -1,5 +1,4 @@
 #pragma once
-#include <array>
 #include <atomic>
 #include <condition_variable>
 #include <cstdint>
@@ -12,117 +11,13 @@
 #include <vector>
 
 #include "image/layers.h"
-#include "render/scene/scene_outline.h"
 #include "workflows/clean.h"
 #include "workflows/host.h"
-#include "workflows/mix_lights.h"
-#include "workflows/viewed_scene.h"
+#include "workflows/view/march_pace.h"
+#include "workflows/view/messages.h"
+#include "workflows/view/viewed_scene.h"
 
 namespace brume {
-
-/// What is looked at: the whole of it, each time.
-struct ViewLook {
-  uint64_t id = 0;  ///< what is shown names it
-  std::vector<std::string> assignments;
-  ivec2 size{0};
-  bool moving = false;              ///< more of them follow at once: answered fast, at lower resolution
-  std::vector<std::string> layers;  ///< that are shown, by names out of ViewSceneText::layers
-  std::optional<int> frame;
-  bool needs_scene = false;    ///< who looks has been told nothing of the scene yet
-  int most_samples = 1 << 20;  ///< per pixel
-  /// Of light groups, in what is shown and kept; nothing is rendered again for it.
-  LightMix mix = {};
-  /// Of the scene's text: where another one was looked at before, the file is read again, and of those that it names
-  /// the ones that are new.
-  uint64_t revision = 0;
-
-  /// Whether the same is rendered for it, of whichever layers and mix.
-  bool shows_as(const ViewLook& other) const {
-    return assignments == other.assignments && size == other.size && frame == other.frame &&
-           most_samples == other.most_samples && revision == other.revision;
-  }
-};
-
-/// A point of the picture that somebody points at, from the top left corner, 0 to 1.
-struct ViewProbe {
-  uint64_t id = 0;
-  dvec2 at{0};
-};
-
-/// One layer as half floats, channel by channel, rows from the top.
-struct ViewPicture {
-  uint64_t id = 0;
-  std::string layer;
-  int width = 0, height = 0, channels = 0;
-  bool predicted = false;   ///< from guides alone; else path traced and clean
-  bool full = true;         ///< of the size asked for, and no better prediction follows
-  bool misses_mix = false;  ///< lights are as rendered, although a mix is asked for: it is not known by light group
-  int samples = 0;          ///< per pixel, on average
-  std::optional<double> error;
-  double seconds = 0;  ///< since it was asked for
-  double exposure = 1;
-  std::optional<int> frame;
-  std::vector<uint16_t> halves;
-};
-
-/// What a page needs to know of the scene.
-struct ViewSceneText {
-  struct Layer {
-    std::string name, title;
-    int channels;
-    std::string group = "", unit = "";  ///< under which it is listed; of its values
-    friend bool operator==(const Layer&, const Layer&) = default;
-  };
-  struct Table {
-    SceneTable keys;
-    std::string title;
-    std::vector<std::string> grids;              ///< of a volume's file
-    std::optional<std::array<double, 3>> depth;  ///< of a volume: optical depth through its middle along the axes
-  };
-  uint64_t id = 0;
-  std::string name, command;
-  bool reloaded = false;  ///< the file has changed
-  std::vector<int> frames;
-  dvec3 lo{0}, hi{0};  ///< of what the volumes and lights that are seen fill
-  std::vector<Layer> layers;
-  std::vector<std::string> light_groups;  ///< that can be mixed
-  std::vector<std::string> notes, left_out;
-  std::vector<Table> tables;
-};
-
-enum class ViewStage { kReading, kSolvingLight, kMarching, kSampling, kCleaning, kDone };
-
-/// How far what is being computed has come.
-struct ViewProgress {
-  uint64_t id = 0;
-  ViewStage stage = ViewStage::kDone;
-  int samples = 0;                   ///< per pixel, taken on average so far
-  int goal = 0;                      ///< samples per pixel at the end of the round
-  std::optional<double> share = {};  ///< of the stage that is done, where it is known
-  std::optional<double> error = {};
-  double seconds = 0;  ///< since it was asked for
-};
-
-/// What is wrong, and where another grid would mend it, which there are.
-struct ViewProblem {
-  uint64_t id = 0;
-  std::string text;
-  std::string grid_key = {};  ///< to assign one of the grids to
-  std::vector<GridChoice> grids = {};
-  bool lasting = false;  ///< over with a scene that was read again, not by another look
-};
-
-/// Told of everything that a viewer makes, from its thread or from look(); must not throw, nor call the viewer.
-class ViewListener {
- public:
-  virtual ~ViewListener() = default;
-  virtual void scene(const ViewSceneText& scene) = 0;
-  virtual void picture(ViewPicture picture) = 0;
-  virtual void progress(const ViewProgress& progress) = 0;
-  /// It is over with a later look, or when the scene has been read again.
-  virtual void problem(const ViewProblem& problem) = 0;
-  virtual void point(uint64_t id, std::optional<dvec3> position) = 0;
-};
 
 struct ViewOptions {
   std::filesystem::path scene;  ///< scene or OpenVDB file; a pattern where there are frames
@@ -173,7 +68,13 @@ class Viewer {
   std::vector<std::string> mix_assignments(const ViewLook& look) const;
 
  private:
+  static constexpr double kMovingSeconds = 0.06;  // that the march of a moving picture may take
+  static constexpr double kTellEvery = 0.1;       // s between words about progress
+  static constexpr int kFirstRound = 8;           // samples a pixel
+  static constexpr int kGuideSamples = ViewedScene::kGuideSamples;
+
   class Emerging;
+  class Tracing;
   struct WatchedFile {
     std::filesystem::path path;
     std::optional<std::filesystem::file_time_type> written;  // as it was read; nothing: it was not there
@@ -197,8 +98,6 @@ class Viewer {
   /// @return false where a newer look came while it waited
   bool rests();
   void tell_scene(const ViewLook& look, bool reloaded);
-  /// Columns and rows of a picture of the look's shape that is marched in so many seconds, at most the look's own.
-  ivec2 size_for(const ViewLook& look, double seconds) const;
   /// Marches the whole picture at a size and shows it.
   void march(const ViewLook& look, const Guides& guides, const ivec2& size, const Task& task);
   /// Path traces a coarse picture and shows it as it is: of scenes in which nothing is predicted.
@@ -224,9 +123,9 @@ class Viewer {
   const Host host_;
   ViewListener& listener_;
   LayerRequest layers_;
-  ViewedScene scene_;                  // of the thread alone, but for probes
-  mutable std::mutex scene_mutex_;     // while it changes, or is looked at by a probe
-  double sketched_ = 0, marched_ = 0;  // pixels a second, of the scene that is shown; 0: not measured
+  ViewedScene scene_;                                             // of the thread alone, but for probes
+  mutable std::mutex scene_mutex_;                                // while it changes, or is looked at by a probe
+  MarchPace pace_;                                                // of the scene that is shown
   std::vector<ViewSceneText::Layer> guide_layers_, told_layers_;  // once guides have been marched
   Stopwatch asked_, since_told_;
   uint64_t revision_ = 0;  // that was read

@@ -1,4 +1,4 @@
-#include "workflows/viewed_scene.h"
+#include "workflows/view/viewed_scene.h"
 
 #include <fmt/format.h>
 

@@ -1,6 +1,6 @@
 // Looking at a scene while it is edited: what is computed anew, what is shown, what a picture converges to.
 
-#include "workflows/viewer.h"
+#include "workflows/view/viewer.h"
 
 #include <fmt/format.h>
 #include <gtest/gtest.h>
