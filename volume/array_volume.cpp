@@ -15,19 +15,12 @@
 #include "base/rng.h"
 #include "volume/displacement.h"
 #include "volume/stored_values.h"
+#include "volume/voxel_box.h"
 
 namespace brume {
 namespace {
 
 constexpr int kCell = BrickGrid::kCell;
-
-/// A box that grows.
-void enclose(VoxelBox& box, const VoxelBox& other) {
-  if (other.empty()) return;
-  const bool first = box.empty();
-  box.lo = first ? other.lo : glm::min(box.lo, other.lo);
-  box.hi = first ? other.hi : glm::max(box.hi, other.hi);
-}
 
 /// The voxels that are not 0. @param of_slab  those with one x
 VoxelBox box_of_slabs(int slabs, const Task& task, const std::function<VoxelBox(int x)>& of_slab) {

@@ -10,23 +10,13 @@
 
 #include "base/memory_file.h"
 #include "base/parallel_for.h"
+#include "volume/voxel_box.h"
 #include "volume/voxel_reader.h"
 
 namespace brume {
 namespace {
 
 constexpr int kCell = BrickGrid::kCell, kStored = BrickGrid::kStored;
-
-bool inside(const VoxelBox& box, const ivec3& v) {
-  return glm::all(glm::greaterThanEqual(v, box.lo)) && glm::all(glm::lessThanEqual(v, box.hi));
-}
-
-void enclose(VoxelBox& box, const VoxelBox& other) {
-  if (other.empty()) return;
-  const bool first = box.empty();
-  box.lo = first ? other.lo : glm::min(box.lo, other.lo);
-  box.hi = first ? other.hi : glm::max(box.hi, other.hi);
-}
 
 /// Looks up a displacement between voxels, by index coordinates: look-ups that follow one another lie in one cell.
 class VectorReader {

@@ -1,0 +1,20 @@
+#pragma once
+#include <string>
+#include <vector>
+
+#include "volume/displacement.h"
+
+namespace brume {
+
+/// Displacements on the lattice of the density that they move, in voxels per frame, and the box that they are known in.
+struct ExtendedVelocity {
+  VectorBricks field;
+  VoxelBox box;
+};
+
+/// A stored velocity wherever the density that it moves may arrive. Parameters, errors: as displacement_over.
+ExtendedVelocity extend_velocity(const StoredVelocity& velocity, const BrickGrid& density, const VoxelBox& density_box,
+                                 const dmat4& world_from_index, double scale, double open, double close,
+                                 std::vector<std::string>& notes, const Task& task);
+
+}  // namespace brume
