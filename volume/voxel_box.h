@@ -19,4 +19,9 @@ inline bool inside(const VoxelBox& box, const ivec3& v) {
   return glm::all(glm::greaterThanEqual(v, box.lo)) && glm::all(glm::lessThanEqual(v, box.hi));
 }
 
+/// Of three counts; in double, because those of hostile files can pass 2^63.
+inline double product(const ivec3& counts) {
+  return static_cast<double>(counts.x) * counts.y * counts.z;
+}
+
 }  // namespace brume
