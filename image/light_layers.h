@@ -16,6 +16,17 @@ inline std::string light_layer(std::string_view group) {
   return std::string(kLightPrefix) + std::string(group);
 }
 
+/// The word that asks for aimed_light_layer() of each group, where there are any.
+inline constexpr std::string_view kLightAimed = "light_aimed";
+
+/// A group's light with less noise, from which it is cleaned: these do not add up to the picture.
+inline std::string aimed_light_layer(std::string_view group) {
+  return light_layer(group) + ".aimed";
+}
+inline bool is_aimed_light(std::string_view channel) {
+  return channel.starts_with(kLightPrefix) && channel.find(".aimed.") != std::string_view::npos;
+}
+
 /// The same, clean: all of them add up to the clean picture.
 inline std::string clean_light_layer(std::string_view group) {
   return "clean_" + light_layer(group);

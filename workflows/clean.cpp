@@ -91,6 +91,7 @@ LayerRequest Cleaner::request(const LayerRequest& wanted, int samples) {
   for (const LayerName& l : {layer::direct, layer::indirect}) record(l);
   for (const LayerName& l : entry.needs) record(l);
   request.statistics = true;
+  record({kLightAimed, "", ""});
   request.buckets = request.buckets || entry.statistics == Statistics::kBuckets;
   const std::vector<std::string> preferred = filter_.preferred_features();
   request.guides =
@@ -147,7 +148,7 @@ Layers Cleaner::clean(Layers frame, bool parts) {
     if (!own(name)) all.set(name, std::move(*clean.find(name)));
   std::vector<std::string> unwanted;
   for (const auto& [name, plane] : frame.channels()) {
-    if (!keep_guides_ && (is_guide(name) || is_predicted_light(name))) unwanted.push_back(name);
+    if (!keep_guides_ && (is_guide(name) || is_predicted_light(name) || is_aimed_light(name))) unwanted.push_back(name);
     all.set(name, std::move(*frame.find(name)));
   }
   for (size_t c = 0; c < 3; ++c) {

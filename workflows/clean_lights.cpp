@@ -42,8 +42,9 @@ Layers frame_of_group(const Layers& frame, const std::string& group) {
       if (const Plane* plane = frame.find(source.channel_of(which, c)))
         own.set(to.channel_of(which, c), view_of(*plane));
   };
-  for (const std::string_view which : kStatistics) take(light_layer(group), layer::beauty, which);
-  for (const std::string_view which : statistic::buckets) take(light_layer(group), layer::beauty, which);
+  const std::string aimed = aimed_light_layer(group), light = frame.find(aimed + ".R") ? aimed : light_layer(group);
+  for (const std::string_view which : kStatistics) take(light, layer::beauty, which);
+  for (const std::string_view which : statistic::buckets) take(light, layer::beauty, which);
   take(predicted_light_layer(group, "direct"), guide_layer::predicted_direct, "");
   take(predicted_light_layer(group, "indirect"), guide_layer::predicted_indirect, "");
   return own;

@@ -30,6 +30,13 @@ inline float fast_exp(float x) {
   return std::bit_cast<float>((whole + 127) << 23) * power;
 }
 
+/// Of numbers that are not negative, whose order is that of their bits: compilers make vectors of that.
+float largest(const float* values, size_t count) {
+  int32_t most = 0;
+  for (size_t i = 0; i < count; ++i) most = std::max(most, std::bit_cast<int32_t>(values[i]));
+  return std::bit_cast<float>(most);
+}
+
 /// Of a part, up to a place inside: transmittance, and the share of its light. @param before  transmittance
 struct Inside {
   float left, share;
@@ -184,11 +191,10 @@ void DeepPixels::add_up(std::span<const std::vector<DeepPart>> pixels) {
   }
 }
 
-/// With the knot where it is farthest from what lies between.
-DeepPixels::Piece DeepPixels::piece(size_t from, size_t to) {
-  Piece p{from, to, from, 0, 0};
+/// Fills above_ and errors_ for the knots inside. @return  how many
+size_t DeepPixels::compare(size_t from, size_t to) {
   const Knot &a = knots_[from], &b = knots_[to];
-  if (to - from < 2 || !(b.z > a.z)) return p;
+  if (to - from < 2 || !(b.z > a.z)) return 0;
   const float per_z = 1 / (b.z - a.z), depth = b.log_left - a.log_left, taken = a.left - b.left;
   const bool takes = taken > kNothing;
   const float per_taken = takes ? 1 / taken : 0, light = b.light_sum - a.light_sum;
@@ -201,11 +207,28 @@ DeepPixels::Piece DeepPixels::piece(size_t from, size_t to) {
     above[m] = exponential - left[m];
     errors[m] = std::max(std::abs(above[m]), std::abs(a.light_sum + share * light - sums[m]));
   }
-  for (size_t m = 0; m < between; ++m) {
-    if (std::abs(above[m]) > std::abs(p.above)) p.above = above[m];
-    if (errors[m] > p.error) p.error = errors[m], p.worst = from + 1 + m;
-  }
-  return p;
+  return between;
+}
+
+DeepPixels::Piece DeepPixels::piece(size_t from, size_t to) {
+  const size_t between = compare(from, to);
+  return {from, to, largest(errors_.data(), between)};
+}
+
+/// The knot where a piece is farthest from what lies between its ends.
+size_t DeepPixels::worst_of(const Piece& p) {
+  const size_t between = compare(p.from, p.to);
+  return p.from + 1 +
+         static_cast<size_t>(std::find(errors_.begin(), errors_.begin() + between, p.error) - errors_.begin());
+}
+
+/// By how much the piece's transmittance is too large where that is farthest off.
+float DeepPixels::above_of(const Piece& p) {
+  const size_t between = compare(p.from, p.to);
+  float most = 0;
+  for (size_t m = 0; m < between; ++m)
+    if (std::abs(above_[m]) > std::abs(most)) most = above_[m];
+  return most;
 }
 
 bool DeepPixels::is_empty(const Piece& p) const {
@@ -213,18 +236,23 @@ bool DeepPixels::is_empty(const Piece& p) const {
   return a.left - b.left < kNothing && std::abs(b.light_sum - a.light_sum) < kNothing;
 }
 
-/// Moves the knots between neighbouring pieces towards those with the larger error, by half of them, then by less.
+/// Moves the knots between neighbouring pieces, one of them above the bound, towards those with the larger error, by
+/// half of them, then by less.
 void DeepPixels::even_out() {
+  const float bound = kBoundOfOne / static_cast<float>(pieces_.size());
   for (int sweep = 0; sweep < kSweeps; ++sweep)
     for (size_t i = 0; i + 1 < pieces_.size(); ++i) {
       Piece &a = pieces_[i], &b = pieces_[i + 1];
-      if (a.to != b.from) continue;
+      if (a.to != b.from || std::max(a.error, b.error) <= bound) continue;
       for (size_t part = 2; part <= 8; part *= 2) {
         const bool first = a.error > b.error;
         const size_t step = (first ? a.to - a.from : b.to - b.from) / part, knot = first ? a.to - step : a.to + step;
         if (step == 0) break;
-        const Piece front = piece(a.from, knot), back = piece(knot, b.to);
-        if (std::max(front.error, back.error) >= std::max(a.error, b.error)) continue;
+        const float most = std::max(a.error, b.error);
+        const Piece front = piece(a.from, knot);
+        if (front.error >= most) continue;
+        const Piece back = piece(knot, b.to);
+        if (back.error >= most) continue;
         a = front;
         b = back;
         break;
@@ -234,11 +262,15 @@ void DeepPixels::even_out() {
 
 /// Between pieces that are both too large, or too small, in their middles their common knot takes half of it.
 void DeepPixels::share_errors() {
+  // Of all pieces before the first knot moves.
+  above_of_pieces_.clear();
+  for (const Piece& p : pieces_) above_of_pieces_.push_back(above_of(p));
   for (size_t i = 0; i + 1 < pieces_.size(); ++i) {
     const Piece &a = pieces_[i], &b = pieces_[i + 1];
-    if (a.to != b.from || a.above * b.above <= 0) continue;
+    const float above = above_of_pieces_[i], behind = above_of_pieces_[i + 1];
+    if (a.to != b.from || above * behind <= 0) continue;
     float& left = knots_[a.to].left;
-    const float shift = std::clamp(0.25f * (a.above + b.above), -kMostShift * left, kMostShift * left);
+    const float shift = std::clamp(0.25f * (above + behind), -kMostShift * left, kMostShift * left);
     left = std::clamp(left - shift, knots_[b.to].left, knots_[a.from].left);
   }
 }
@@ -273,8 +305,9 @@ std::vector<DeepPart> DeepPixels::mean(std::span<const std::vector<DeepPart>> pi
     const Piece cut = *worst;
     pieces_.erase(worst);
     --parts;
-    add(cut.from, cut.worst);
-    add(cut.worst, cut.to);
+    const size_t knot = worst_of(cut);
+    add(cut.from, knot);
+    add(knot, cut.to);
   }
   std::sort(pieces_.begin(), pieces_.end(), [](const Piece& a, const Piece& b) { return a.from < b.from; });
   if (parts >= most) {

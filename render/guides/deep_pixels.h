@@ -83,9 +83,8 @@ class DeepPixels {
   };
   /// From a knot to another: a part.
   struct Piece {
-    size_t from, to, worst;
-    float error;  ///< there
-    float above;  ///< by how much its transmittance is too large where that is farthest off
+    size_t from, to;
+    float error;  ///< the largest of what it differs by from what lies between
   };
   /// What ends rays at nearly the same depth.
   struct Hit {
@@ -96,7 +95,10 @@ class DeepPixels {
   void join_hits(std::span<const DeepRay> rays, size_t most);
   void make_knots(std::span<const std::vector<DeepPart>> pixels, size_t most);
   void add_up(std::span<const std::vector<DeepPart>> pixels);
+  size_t compare(size_t from, size_t to);
   Piece piece(size_t from, size_t to);
+  size_t worst_of(const Piece& piece);
+  float above_of(const Piece& piece);
   bool is_empty(const Piece& piece) const;
   void even_out();
   void share_errors();
@@ -108,6 +110,7 @@ class DeepPixels {
   std::vector<float> z_, left_, light_sums_;  // the knots', side by side for vectors
   std::vector<float> above_, errors_;         // of a piece, at the knots inside
   std::vector<Piece> pieces_;
+  std::vector<float> above_of_pieces_;
 };
 
 /// The parts of all pixels of a picture, as its guides are marched. Of chromatic media each colour's are kept apart.

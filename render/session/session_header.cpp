@@ -7,6 +7,7 @@
 #include "base/error.h"
 #include "base/text.h"
 #include "image/exr_io.h"
+#include "image/light_layers.h"
 #include "render/scene/light_groups.h"
 #include "render/session/render_session.h"
 
@@ -144,6 +145,7 @@ void describe_render(Layers& frame, const Scene& scene, const LayerRequest& laye
   LayerRequest recorded = layers;
   recorded.light_groups = light_groups_of(scene).names;
   recorded.light_parts = recorded.light_parts && !recorded.light_groups.empty();
+  if (recorded.light_groups.empty()) std::erase(recorded.names, kLightAimed);
   header["recordedLayers"] = join(recorded.text(), ",");
   header["statistics"] = std::string(layers.buckets ? "buckets" : layers.statistics ? "halves" : "none");
   header["program"] = job.program;

@@ -69,6 +69,7 @@ LayerRequest LayerRequest::of(const std::vector<std::string>& names, bool statis
   }
   for (const char* several : {kGuides, kDepths, kMotion, kLightParts, kMattes, kMatteObjects, kMatteMaterials})
     known.emplace_back(several);
+  known.emplace_back(kLightAimed);
   for (const std::string& name : names) {
     if (name.starts_with(kLightPrefix)) {
       request.light_groups.push_back(name.substr(kLightPrefix.size()));
@@ -114,9 +115,11 @@ bool LayerRequest::has(const LayerName& layer) const {
 
 std::vector<LayerRequest::GroupLayer> LayerRequest::group_layers() const {
   std::vector<GroupLayer> layers;
+  const bool aimed = std::find(names.begin(), names.end(), kLightAimed) != names.end();
   for (size_t g = 0; g < light_groups.size(); ++g) {
     const std::string name = light_layer(light_groups[g]);
     layers.push_back({name, 9 * g});
+    if (aimed) layers.push_back({aimed_light_layer(light_groups[g]), 9 * light_groups.size() + 3 * g});
     if (!light_parts) continue;
     layers.push_back({name + ".direct", 9 * g + 3});
     layers.push_back({name + ".indirect", 9 * g + 6});

@@ -2,6 +2,7 @@
 
 #include <algorithm>
 
+#include "image/light_layers.h"
 #include "render/transport/emission.h"
 #include "render/transport/integrator.h"
 #include "render/transport/lane_detail.h"
@@ -88,6 +89,7 @@ Plan make_plan(const Scene& scene, const SceneMedia& media, const Lights& lights
       plan.first_surface = plan.first_surface || layers.has(l) || layers.records;
   plan.layers = layers;
   plan.layers.light_groups = lights.groups();
+  if (lights.groups().empty()) std::erase(plan.layers.names, kLightAimed);
   plan.layers.light_parts = layers.light_parts && !lights.groups().empty();
   // What is sampled along a flight is not told by the medium that it is in.
   if (!plan.holdouts) plan.near_lights = choose_near_lights(all, lights, scene.render.near_lights);

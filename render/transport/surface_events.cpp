@@ -106,20 +106,35 @@ void SurfaceEvents::sample_light(size_t i, const Vertex& v, const dvec3& from, b
   const dvec2 u = rng.pair();
   const LightSample light = c_.lights->choice().sample(from, choice, u);
   w_.note_light(i, light, u, p_.events[i] == 1);
-  if (!(light.pdf > 0)) return;
+  if (aim_at(i, v, from, light, only_technique)) shadows.push(i);
+}
+
+bool SurfaceEvents::aim(size_t i, const std::function<LightSample(const dvec3& p)>& draw) {
+  const Vertex v(*c_.surfaces, w_.ray[i], w_.hit[i]);
+  const bool unseen = v.settings.role == "holdout" || v.settings.role == "shadow_catcher";
+  if ((p_.events[i] == 0 && unseen) || v.bsdf.delta()) return false;
+  const LightSample light = draw(v.p);
+  w_.shadow_end[i] = light.distance;
+  return aim_at(i, v, v.p, light, false);
+}
+
+/// The shadow ray towards a light sample, and what it brings. @return  whether it is worth to be traced
+bool SurfaceEvents::aim_at(size_t i, const Vertex& v, const dvec3& from, const LightSample& light,
+                           bool only_technique) {
+  if (!(light.pdf > 0)) return false;
   const auto [value, pdf] = v.scattering(light.wi);
   const double weight = light.delta || only_technique ? 1.0 : balance(light.pdf, pdf);
   const dvec3 L = throughput(i) * light.radiance * value * (weight / light.pdf);
   if (only_technique) samples_[i].catcher_unshadowed += L;
-  if (L == dvec3(0)) return;
+  if (L == dvec3(0)) return false;
   // Lights on either side of the surface are reached from that side.
   const Ray shadow{only_technique ? from : Surfaces::leave(v.hit, v.p, light.wi), light.wi};
-  if (c_.lights->blocked(shadow, light.distance, light.light)) return;
+  if (c_.lights->blocked(shadow, light.distance, light.light)) return false;
   w_.shadow[i] = shadow;
   p_.mis[i] = static_cast<float>(weight);
   p_.contribution.set(i, vec3(L));
   p_.transmittance[i] = 1;
-  shadows.push(i);
+  return true;
 }
 
 bool SurfaceEvents::scatter(size_t i, const Vertex& v) {

@@ -1,4 +1,5 @@
 #pragma once
+#include <functional>
 #include <span>
 
 #include "render/transport/integrator.h"
@@ -19,12 +20,16 @@ class SurfaceEvents {
   /// @param eye      where its camera ray begins
   /// @param shadows  gets the slot where the light sample is worth a shadow ray
   bool meet(size_t slot, const dvec3& eye, SlotList& shadows);
+  /// Makes a light sample of its own at the surface that a path is about to meet, without changing the path.
+  /// @param draw  gives a sample of light at a point. @return  whether it is worth a shadow ray
+  bool aim(size_t slot, const std::function<LightSample(const dvec3& p)>& draw);
   /// What surfaces leave of the light samples. Drops those that are dark from the list.
   void shadow(SlotList& shadows);
 
  private:
   struct Vertex;
   void sample_light(size_t slot, const Vertex& vertex, const dvec3& from, bool only_technique, SlotList& shadows);
+  bool aim_at(size_t slot, const Vertex& vertex, const dvec3& from, const LightSample& light, bool only_technique);
   bool scatter(size_t slot, const Vertex& vertex);
   bool pass_catcher(size_t slot, const Vertex& vertex, SlotList& shadows);
   void emit(size_t slot, const Vertex& vertex, const dvec3& radiance);

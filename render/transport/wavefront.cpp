@@ -11,6 +11,7 @@
 #include "render/transport/camera_rays.h"
 #include "render/transport/estimator.h"
 #include "render/transport/flight_emission.h"
+#include "render/transport/group_lights.h"
 #include "render/transport/media_flights.h"
 #include "render/transport/near_flights.h"
 #include "render/transport/path_layers.h"
@@ -63,10 +64,12 @@ class Wavefront {
     w_.groups = c_.lights->groups().size();
     w_.group_light.resize(kPool * w_.groups);
     found_.resize(w_.groups);
-    group_values_.resize(3 * w_.groups);
+    aimed_.resize(w_.groups);
+    group_values_.resize(4 * w_.groups);
     if (c_.plan.emission) emission_.emplace(c_, p_, w_, *pool_.emission);
     if (!c_.plan.near_lights.empty()) near_flights_.emplace(c_, p_, w_, flights_, counters_.tracking);
     if (c_.surfaces) surfaces_.emplace(c_, p_, w_, pool_.samples, counters_);
+    if (GroupLights::wanted(c_)) group_lights_.emplace(c_, p_, w_, flights_, surfaces_ ? &*surfaces_ : nullptr);
     if (c_.plan.layers.records) recorder_.emplace(c_, p_, w_);
   }
 
@@ -136,6 +139,7 @@ class Wavefront {
     p_.direct.set(i, vec3(0));
     p_.indirect.set(i, vec3(0));
     w_.clear_groups(i);
+    if (group_lights_) group_lights_->start(i);
     p_.camera_transmittance[i] = 1.0f;
     p_.events[i] = 0;
     p_.request[i] = static_cast<uint32_t>(index);
@@ -154,6 +158,7 @@ class Wavefront {
   void pass_by(size_t index) {
     PathSample sample;
     std::fill(found_.begin(), found_.end(), FoundLight{});
+    std::fill(aimed_.begin(), aimed_.end(), FoundLight{});
     see_background(requests_[index].ray, dvec3(1), sample, /*alone=*/true);
     deliver(index, sample, false);
   }
@@ -274,6 +279,7 @@ class Wavefront {
 
   /// The events at the ends of the flights, and the shadow rays of their light samples.
   void scatter() {
+    if (group_lights_) group_lights_->sample(requests_, pool_.hits, pool_.met);
     if (recorder_) recorder_->collide(pool_.hits);
     for (size_t m = 0; m < flights_.count(); ++m) scatter_in(m);
     if (recorder_) recorder_->turn(pool_.alive);
@@ -317,10 +323,12 @@ class Wavefront {
     for (const size_t i : pool_.shadows) {
       vec3 L = p_.contribution[i] * p_.transmittance[i];
       if (c_.plan.chromatic) L *= p_.shadow_colour[i];
-      if (w_.past_of(i, c_.plan).to_catcher)
+      if (w_.past_of(i, c_.plan).to_catcher) {
         pool_.samples[i].catcher += dvec3(L);
-      else
-        deposit(p_, w_, i, L, p_.events[i], w_.sampled_group[i]);
+        continue;
+      }
+      deposit(p_, w_, i, L, p_.events[i], w_.sampled_group[i]);
+      if (group_lights_) group_lights_->replace(i, L);
     }
   }
 
@@ -375,17 +383,24 @@ class Wavefront {
       if (past.straight && pdf_light > 0) return 0.0;
       return past.specular ? 1.0 : balance(static_cast<double>(p_.pdf[i]), pdf_light);
     };
+    const auto find = [&](const Light& of, const auto& weighted) {
+      if (group_lights_) group_lights_->found(i, of, ray.o, past.samples_fields, weighted);
+      return of_group(of, weighted(share(of)));
+    };
     if (light) {
       const double t = past.passed + w_.end[i];
-      const dvec3 L = light->radiance(ray, t) * weight(share(*light) * light->pdf(ray, t));
-      return of_group(*light, past.on_surface ? L : L * far_share(c_.plan.near_lights, light, ray.o));
+      return find(*light, [&](double probability) {
+        const dvec3 L = light->radiance(ray, t) * weight(probability * light->pdf(ray, t));
+        return past.on_surface ? L : L * far_share(c_.plan.near_lights, light, ray.o);
+      });
     }
     dvec3 L(0);
     for (const InfiniteLight* infinite : c_.lights->infinite()) {
       const dvec3 radiance = infinite->radiance(ray.d);
       if (radiance == dvec3(0)) continue;
-      const double probability = share(*infinite);
-      L += of_group(*infinite, radiance * weight(probability > 0 ? probability * infinite->pdf(ray.d) : 0.0));
+      L += find(*infinite, [&](double probability) {
+        return radiance * weight(probability > 0 ? probability * infinite->pdf(ray.d) : 0.0);
+      });
     }
     return L;
   }
@@ -418,6 +433,9 @@ class Wavefront {
     for (size_t g = 0; g < found_.size(); ++g) {
       const WorldPaths::GroupLight& light = w_.group_light[i * w_.groups + g];
       found_[g] = {dvec3(light.direct), dvec3(light.indirect)};
+      if (!group_lights_) continue;
+      const WorldPaths::GroupLight& more = group_lights_->apart(i, g);
+      aimed_[g] = {dvec3(more.direct), dvec3(more.indirect)};
     }
     if (!c_.plan.one_grid) s.surface = dvec3(w_.surface[i]);
     if (w_.past_of(i, c_.plan).in_hole)
@@ -443,6 +461,9 @@ class Wavefront {
       group_values_[3 * g] = direct + indirect;
       group_values_[3 * g + 1] = direct;
       group_values_[3 * g + 2] = indirect;
+      // What was replaced leaves rounding behind.
+      group_values_[3 * found_.size() + g] =
+          glm::max(direct + aimed_[g].direct, 0.0) + glm::max(indirect + limited * aimed_[g].indirect, 0.0);
     }
     s.groups = group_values_.data();
     (surface_first ? s.surface_indirect : s.volume_indirect) = s.indirect;
@@ -466,11 +487,13 @@ class Wavefront {
   std::optional<FlightEmission> emission_;
   std::optional<NearFlights> near_flights_;
   std::optional<SurfaceEvents> surfaces_;
+  std::optional<GroupLights> group_lights_;
   std::optional<PathRecorder> recorder_;
   struct FoundLight {
     dvec3 direct{0}, indirect{0};
   };
   std::vector<FoundLight> found_;    // by light group, of the path that ends
+  std::vector<FoundLight> aimed_;    // likewise: what GroupLights add to it
   std::vector<dvec3> group_values_;  // PathSample::groups
   size_t next_ = 0;
   std::vector<size_t> free_;

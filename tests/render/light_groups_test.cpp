@@ -4,6 +4,7 @@
 
 #include <gtest/gtest.h>
 
+#include <algorithm>
 #include <cmath>
 
 #include "image/light_layers.h"
@@ -51,10 +52,17 @@ void expect_sum(const Layers& frame, const std::vector<std::string>& groups, con
       }
 }
 
-/// Each group's mean is that of the same scene with its lights alone, and the picture that of the scene without groups.
+void expect_alike(const test::Mean& a, const test::Mean& b) {
+  for (int c = 0; c < 3; ++c)
+    EXPECT_LE(std::abs(a.value[c] - b.value[c]), test::kSigmas * std::hypot(a.error[c], b.error[c]) + 1e-9)
+        << a.value[c] << " and " << b.value[c];
+}
+
+/// Each group's mean is that of the same scene with its lights alone, with light samples of its own as well, and the
+/// picture that of the scene without groups.
 void expect_their_lights_alone(Scene scene) {
   constexpr int kSamples = 16;
-  const LayerRequest layers = LayerRequest::of({"direct", "indirect", "light_parts"}, true);
+  const LayerRequest layers = LayerRequest::of({"direct", "indirect", "light_parts", "light_aimed"}, true);
   const Layers without = PreparedScene(scene, layers).render(kSamples, 1).layers;
   scene.render.light_groups = true;
   const Layers frame = PreparedScene(scene, layers).render(kSamples, 1).layers;
@@ -71,10 +79,8 @@ void expect_their_lights_alone(Scene scene) {
     const std::string layer = light_layer(names[g]);
     const test::Mean together = test::mean_radiance(frame, {layer, "RGB", ""});
     const test::Mean alone = test::mean_radiance(PreparedScene(only(scene, g), layers).render(kSamples, 2).layers);
-    for (int c = 0; c < 3; ++c)
-      EXPECT_LE(std::abs(together.value[c] - alone.value[c]),
-                test::kSigmas * std::hypot(together.error[c], alone.error[c]) + 1e-9)
-          << together.value[c] << " and " << alone.value[c];
+    expect_alike(together, alone);
+    expect_alike(test::mean_radiance(frame, {aimed_light_layer(names[g]), "RGB", ""}), alone);
   }
 }
 
@@ -141,6 +147,42 @@ TEST(LightGroups, BadNamesAreRefused) {
               parse_scene(kScene, "scene.toml", std::vector<std::string>{"volumes.0.group=\"fire\""});
             }).find("nothing shines"),
             std::string::npos);
+}
+
+double mean_variance(const Layers& frame, const std::string& layer) {
+  double sum = 0;
+  const Plane& plane = frame.at((layer.empty() ? "" : layer + ".") + "mean_variance.G");
+  for (int y = 0; y < plane.height(); ++y)
+    for (int x = 0; x < plane.width(); ++x) sum += static_cast<double>(plane(x, y));
+  return sum / (static_cast<double>(plane.width()) * plane.height());
+}
+
+// A dim lamp beside bright ones has the noise that it has alone, on surfaces as well as in media; in the picture it
+// gets a few of the shadow rays alone.
+TEST(LightGroups, WithSamplesOfTheirOwnHaveTheNoiseOfTheirLightsAlone) {
+  const std::string text = std::string(kScene) +
+                           "[[lights]]\ntype = \"sphere\"\nposition = [1.5, -1.5, 1]\nradius = 0.2\nradiance = 2\n"
+                           "[[surfaces]]\nfile = \"" +
+                           test::source("data/meshes/floor.obj").string() + "\"\n";
+  const Scene scene = parse_scene(text, "scene.toml",
+                                  std::vector<std::string>{"render.light_groups=true", "camera.position=[0, -5, 2]"});
+  const Layers frame = PreparedScene(scene, LayerRequest::of({"light_aimed"}, true)).render(64, 1).layers;
+  const std::vector<std::string> names = light_groups_of(scene).names;
+  const auto number = static_cast<size_t>(std::find(names.begin(), names.end(), "sphere") - names.begin());
+  ASSERT_LT(number, names.size());
+  const Layers alone = PreparedScene(only(scene, number), LayerRequest::of({}, true)).render(64, 2).layers;
+  EXPECT_LT(mean_variance(frame, aimed_light_layer("sphere")), 1.2 * mean_variance(alone, ""));
+  EXPECT_GT(mean_variance(frame, light_layer("sphere")), 3 * mean_variance(alone, ""));
+}
+
+TEST(LightGroups, OneSampledLightNeedsNoOtherSamples) {
+  const Scene scene =
+      parse_scene(kScene, "scene.toml", std::vector<std::string>{"render.light_groups=true", "lights.1.enabled=false"});
+  const Layers frame = PreparedScene(scene, LayerRequest::of({"light_aimed"}, false)).render(4, 1).layers;
+  for (const char* group : {"key", "sky"})
+    for (int y = 0; y < frame.height(); ++y)
+      for (int x = 0; x < frame.width(); ++x)
+        ASSERT_EQ(frame.at(aimed_light_layer(group) + ".R")(x, y), frame.at(light_layer(group) + ".R")(x, y));
 }
 
 // Limited light is taken from all groups alike, and parts merge.
