@@ -17,8 +17,8 @@ constexpr float kFarAbove = 20;
 constexpr float kLeastOfFour = 0.83f;
 // Squares summed over the masks of differences of order 2, 4 and 6 along each axis.
 constexpr float kMaskSquares[] = {6 * 6, 70 * 70, 924 * 924};
-// Times an estimate, over the wider squares: what another one is below where it is taken instead, not by chance.
-constexpr float kClearlyLess = 0.85f;
+// Times what lines say, over the wider squares: masks below hold less detail, and are not less by chance.
+constexpr float kClearlyLess = 0.7f;
 // Of alike surroundings: how far they are looked for [px], deviations still taken as equal, rounds.
 constexpr int kSearchRadius = 5, kRounds = 2;
 constexpr float kStrength = 0.35f;
@@ -86,13 +86,14 @@ struct FirstEstimate {
 };
 
 /// From lines, and from masks of differences along both axes, of order 2, 4 and 6. The mean square of a mask holds the
-/// noise, and what the picture has in the mask's frequencies: the higher the order, the fewer these are. Where it is
-/// clearly less than what is known so far, that held detail. Source of the first mask: Immerkaer 1996, Fast noise
-/// variance estimation.
+/// noise, and what the picture has in the mask's frequencies: the higher the order, the fewer these are. Where masks
+/// say clearly less than lines, these hold detail, and the mask that says least is taken. Source of the first mask:
+/// Immerkaer 1996, Fast noise variance estimation.
 FirstEstimate first_estimate(const Plane& picture, const Task& task) {
   const int width = picture.width(), height = picture.height();
   FirstEstimate of{variance_across_lines(picture, task), {}};
-  Plane usual = box_mean(of.variance, kLevelRadius, task), differences = picture;
+  const Plane lines = box_mean(of.variance, kLevelRadius, task);
+  Plane least = lines, differences = picture;
   for (const float squares : kMaskSquares) {
     differences = second_differences(differences, task);
     const Plane square = make_plane(width, height, quiet(task),
@@ -101,8 +102,8 @@ FirstEstimate first_estimate(const Plane& picture, const Task& task) {
     if (of.detailed.empty()) of.detailed = all;
     const Plane mean = mean_without_peaks(square, task), level = box_mean(mean, kLevelRadius, task);
     for_each_pixel(width, height, quiet(task), [&](int x, int y) {
-      if (!(level(x, y) < kClearlyLess * usual(x, y))) return;
-      usual(x, y) = level(x, y);
+      if (!(level(x, y) < least(x, y) && level(x, y) < kClearlyLess * lines(x, y))) return;
+      least(x, y) = level(x, y);
       of.variance(x, y) = std::min(of.variance(x, y), mean(x, y));
       of.detailed(x, y) = all(x, y);
     });
