@@ -15,6 +15,10 @@ constexpr int kMeanRadius = 4, kLevelRadius = 10;
 constexpr float kFarAbove = 20;
 // Of the least of four means, for normal noise without anything else.
 constexpr float kLeastOfFour = 0.83f;
+// Squares summed over the masks of differences of order 2, 4 and 6 along each axis.
+constexpr float kMaskSquares[] = {6 * 6, 70 * 70, 924 * 924};
+// Times what lines say, over the wider squares: masks below hold less detail, and are not less by chance.
+constexpr float kClearlyLess = 0.7f;
 // Of alike surroundings: how far they are looked for [px], deviations still taken as equal, rounds.
 constexpr int kSearchRadius = 5, kRounds = 2;
 constexpr float kStrength = 0.35f;
@@ -35,13 +39,14 @@ Plane mean_without_peaks(const Plane& values, const Task& task) {
                   kMeanRadius, task);
 }
 
-/// From the products of second differences at right angles.
+int mirrored(int i, int n) {
+  i = i < 0 ? -i : i >= n ? 2 * (n - 1) - i : i;
+  return std::clamp(i, 0, n - 1);
+}
+
+/// Of four pairs of directions the least product of second differences at right angles.
 Plane variance_across_lines(const Plane& picture, const Task& task) {
   const int width = picture.width(), height = picture.height();
-  const auto mirrored = [](int i, int n) {
-    i = i < 0 ? -i : i >= n ? 2 * (n - 1) - i : i;
-    return std::clamp(i, 0, n - 1);
-  };
   const auto at = [&](int x, int y) { return picture(mirrored(x, width), mirrored(y, height)); };
   Plane least;
   for (const ivec2& along : {ivec2(1, 0), ivec2(1, 1), ivec2(2, 1), ivec2(1, 2)}) {
@@ -64,21 +69,46 @@ Plane variance_across_lines(const Plane& picture, const Task& task) {
                     [&](int x, int y) { return std::max(0.0f, least(x, y) / kLeastOfFour); });
 }
 
-/// From the response to the mask [1 -2 1] x [1 -2 1], in which fine detail counts as noise. Source: Immerkaer 1996,
-/// Fast noise variance estimation.
-Plane variance_with_detail(const Plane& picture, const Task& task) {
+/// The response to the mask [1 -2 1] x [1 -2 1].
+Plane second_differences(const Plane& picture, const Task& task) {
   const int width = picture.width(), height = picture.height();
-  return box_mean(make_plane(width, height, quiet(task),
-                             [&](int x, int y) {
-                               const int l = std::max(0, x - 1), r = std::min(width - 1, x + 1);
-                               const int a = std::max(0, y - 1), b = std::min(height - 1, y + 1);
-                               const auto row = [&](int j) {
-                                 return picture(l, j) - 2 * picture(x, j) + picture(r, j);
-                               };
-                               const float d = row(a) - 2 * row(y) + row(b);
-                               return d * d / 36;
-                             }),
-                  kMeanRadius, task);
+  return make_plane(width, height, quiet(task), [&](int x, int y) {
+    const int l = mirrored(x - 1, width), r = mirrored(x + 1, width);
+    const int a = mirrored(y - 1, height), b = mirrored(y + 1, height);
+    const auto row = [&](int j) { return picture(l, j) - 2 * picture(x, j) + picture(r, j); };
+    return row(a) - 2 * row(y) + row(b);
+  });
+}
+
+/// Two means of squares: of the noise, and with all that varies as fast.
+struct FirstEstimate {
+  Plane variance, detailed;
+};
+
+/// From lines, and from masks of differences along both axes, of order 2, 4 and 6. The mean square of a mask holds the
+/// noise, and what the picture has in the mask's frequencies: the higher the order, the fewer these are. Where masks
+/// say clearly less than lines, these hold detail, and the mask that says least is taken. Source of the first mask:
+/// Immerkaer 1996, Fast noise variance estimation.
+FirstEstimate first_estimate(const Plane& picture, const Task& task) {
+  const int width = picture.width(), height = picture.height();
+  FirstEstimate of{variance_across_lines(picture, task), {}};
+  const Plane lines = box_mean(of.variance, kLevelRadius, task);
+  Plane least = lines, differences = picture;
+  for (const float squares : kMaskSquares) {
+    differences = second_differences(differences, task);
+    const Plane square = make_plane(width, height, quiet(task),
+                                    [&](int x, int y) { return differences(x, y) * differences(x, y) / squares; });
+    const Plane all = box_mean(square, kMeanRadius, task);
+    if (of.detailed.empty()) of.detailed = all;
+    const Plane mean = mean_without_peaks(square, task), level = box_mean(mean, kLevelRadius, task);
+    for_each_pixel(width, height, quiet(task), [&](int x, int y) {
+      if (!(level(x, y) < least(x, y) && level(x, y) < kClearlyLess * lines(x, y))) return;
+      least(x, y) = level(x, y);
+      of.variance(x, y) = std::min(of.variance(x, y), mean(x, y));
+      of.detailed(x, y) = all(x, y);
+    });
+  }
+  return of;
 }
 
 /// From what pixels in alike surroundings say. @param variance  a first estimate, by which likeness is judged
@@ -123,7 +153,12 @@ Rgb variance_among_alike(const RgbPlanes& picture, const Rgb& variance, const Ta
 Rgb picture_variance(const RgbPlanes& picture, const Task& task) {
   const int width = picture[0]->width(), height = picture[0]->height();
   Rgb variance;
-  for (size_t c = 0; c < 3; ++c) variance[c] = variance_across_lines(*picture[c], task);
+  Rgb detailed;
+  for (size_t c = 0; c < 3; ++c) {
+    FirstEstimate first = first_estimate(*picture[c], task);
+    variance[c] = std::move(first.variance);
+    detailed[c] = std::move(first.detailed);
+  }
   for (int round = 0; round < kRounds; ++round) {
     const Rgb alike = variance_among_alike(picture, variance, task);
     for (size_t c = 0; c < 3; ++c)
@@ -131,12 +166,11 @@ Rgb picture_variance(const RgbPlanes& picture, const Task& task) {
                      [&](int x, int y) { variance[c](x, y) = std::min(variance[c](x, y), alike[c](x, y)); });
   }
   for (size_t c = 0; c < 3; ++c) {
-    const Plane detailed = variance_with_detail(*picture[c], task);
     for_each_pixel(width, height, quiet(task), [&](int x, int y) {
       float& v = variance[c](x, y);
-      const float share = detailed(x, y) > 0 ? v / detailed(x, y) : 1;
+      const float share = detailed[c](x, y) > 0 ? v / detailed[c](x, y) : 1;
       const float noise = std::clamp((share - kDetail) / (kNoise - kDetail), 0.0f, 1.0f);
-      v += noise * std::max(0.0f, detailed(x, y) - v);
+      v += noise * std::max(0.0f, detailed[c](x, y) - v);
     });
     lift_variance(variance[c], *picture[c], task);
   }
