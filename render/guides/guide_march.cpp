@@ -40,8 +40,14 @@ GuideMarch::GuideMarch(const PathContext& context, const std::vector<GuideMedia>
       colour_(colour),
       sketch_(sketch),
       rays_(context, camera, media[0], media.size() > 1, sketch),
-      surfaces_{fields.lights(),  fields.scaled_extinction(), fields.sky_parts(),
-                context.surfaces, fields.ambient_light(),     fields.surface_light()},
+      surfaces_{fields.lights(),
+                fields.scaled_extinction(),
+                fields.sky_parts(),
+                context.surfaces,
+                fields.ambient_light(),
+                fields.surface_light(),
+                sketch ? nullptr : &media[media.size() / 2],
+                colour},
       reference_depth_(glm::distance(camera.ray(dvec2(0)).o, 0.5 * (media[0].lo() + media[0].hi()))),
       node_fields_(fields, media[0], colour, camera, media.size() > 1, task) {
   if (colour == kGrey && !media[0].media().empty()) tint_ = OrderTint(media[0].tint(0));

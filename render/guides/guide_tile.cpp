@@ -12,6 +12,8 @@ namespace {
 
 // Transmittances of four rays that stand for sixteen differ by less.
 constexpr double kAlike = 0.02;
+// Highlights of a metal that differ from those of a pixel beside it by more, of all that both show, need sixteen rays.
+constexpr double kHighlightEdge = 0.1;
 
 vec3 scaled(const dvec3& colour, double value) {
   return vec3(colour * value);
@@ -45,6 +47,7 @@ void GuideTile::record(const ivec2& corner, const ivec2& from, const ivec2& to, 
   if (!march_.sketch_)
     for (const size_t p : plain)
       if (pixels_[p].mirrored_edge && traced_[p].across == across) at_edges.push_back(p);
+  if (!march_.sketch_) find_highlight_edges(plain, to.x - from.x, at_edges);
   std::sort(at_edges.begin(), at_edges.end());
   at_edges.erase(std::unique(at_edges.begin(), at_edges.end()), at_edges.end());
   trace(at_edges, PixelRays::kMostAcross);
@@ -61,6 +64,29 @@ void GuideTile::record(const ivec2& corner, const ivec2& from, const ivec2& to, 
                                           vec3(pixels_[p].mirrored + pixels_[p].mirrored_indirect),
                                           deep_->most(march_.colour_)));
     }
+}
+
+// The facets of a mesh each show their own part of a lamp: its highlight ends where they meet, within pixels.
+void GuideTile::find_highlight_edges(const std::vector<size_t>& plain, int width, std::vector<size_t>& found) const {
+  const auto brightness = [&](size_t p) {
+    double sum = 0;
+    for (const vec3& light : pixels_[p].surface) sum += in_colour(dvec3(light), kGrey);
+    return sum;
+  };
+  const auto metal = [&](size_t p) {
+    const bool known = traced_[p].least <= traced_[p].most;
+    return known && pixels_[p].material[static_cast<int>(Bsdf::Kind::kConductor)] > 0;
+  };
+  for (const size_t p : plain) {
+    if (!metal(p)) continue;
+    for (const size_t beside : {p + 1, p + static_cast<size_t>(width)}) {
+      const bool next = beside < traced_.size() && (beside != p + 1 || (p + 1) % static_cast<size_t>(width) != 0);
+      if (!next || !metal(beside)) continue;
+      const double a = brightness(p), b = brightness(beside);
+      const double all = in_colour(pixels_[p].mirrored + pixels_[beside].mirrored, kGrey) + a + b;
+      if (std::abs(a - b) > kHighlightEdge * all) found.insert(found.end(), {p, beside});
+    }
+  }
 }
 
 void GuideTile::trace(const std::vector<size_t>& pixels, int across) {

@@ -38,6 +38,9 @@ class GuideTile {
     double distance;  ///< to the light
   };
 
+  /// Adds pixels of metals whose highlights are unlike those beside them.
+  /// @param plain  pixels that are traced   @param width  of the tile
+  void find_highlight_edges(const std::vector<size_t>& plain, int width, std::vector<size_t>& found) const;
   void trace(const std::vector<size_t>& pixels, int across);
   /// One ray of each of the pixels.
   void trace_rays(const std::vector<size_t>& pixels, int ray, int across);

@@ -9,13 +9,17 @@
 #include "base/math.h"
 #include "render/guides/attenuation.h"
 #include "render/guides/light_rim.h"
+#include "render/guides/media_line.h"
 #include "render/guides/sky_light.h"
 #include "render/transport/estimator.h"
 
 namespace brume {
 namespace {
 
-constexpr double kDark = 50;         // optical depth behind which nothing is lit
+constexpr double kDark = 50;  // optical depth behind which nothing is lit
+// Depths by the nodes between which media are looked up voxel by voxel, and how often at most on one way.
+constexpr double kClear = 0.01, kShadow = 6;
+constexpr int kMostLooks = 128;
 constexpr int kHighlightAcross = 4;  // points of a light, and as many directions of a lobe
 
 constexpr double kWidestLobe = 0.6;  // alpha of a metal that is seen by few rays: wider lobes lose light
@@ -86,13 +90,35 @@ dvec3 LitSurfaces::unshadowed(const KnownLight& source, const ArrivingLight& lig
 }
 
 Lit LitSurfaces::shares(const dvec3& p, const dvec3& towards, double distance) const {
-  const double depth = ambient_light->depth(p, towards, distance), straight = attenuation(depth / scale);
-  return {dvec3(straight), dvec3(attenuation(depth) - straight)};
+  const double scaled = depth(p, towards, distance), straight = attenuation(scaled / scale);
+  return {dvec3(straight), dvec3(attenuation(scaled) - straight)};
+}
+
+// Nodes lie several voxels apart: the edges of shadows are sharper than they know.
+double LitSurfaces::depth(const dvec3& p, const dvec3& towards, double distance) const {
+  const double by_nodes = ambient_light->depth(p, towards, distance);
+  if (!media || media->instances() || !(by_nodes > kClear && by_nodes < kShadow)) return by_nodes;
+  static thread_local std::vector<std::pair<double, double>> parts;
+  const Ray ray{p, towards};
+  media->intervals(ray, distance, parts, /*uneven=*/true);
+  double length = 0, exact = by_nodes;
+  for (const auto& [t0, t1] : parts) length += t1 - t0;
+  const double longest = std::max(media->voxel(), length / kMostLooks);
+  MediaLine line(*media, colour);
+  line.follow(ray);
+  for (const auto& [t0, t1] : parts) {
+    const int steps = std::max(1, static_cast<int>(std::ceil((t1 - t0) / longest)));
+    const double step = (t1 - t0) / steps;
+    double sum = 0;
+    for (int i = 0; i < steps; ++i) sum += line.at(t0 + (i + 0.5) * step).sigma_t;
+    exact += scale * step * sum - ambient_light->depth(ray.at(t0), towards, t1 - t0);
+  }
+  return std::max(exact, 0.0);
 }
 
 ArrivingLight LitSurfaces::arriving(const SharpLight& sharp, const dvec3& p) const {
   ArrivingLight light = sharp.at(p);
-  if (!sharp.sun()) light.depth = ambient_light->depth(p, light.towards, light.distance) / scale;
+  if (!sharp.sun()) light.depth = depth(p, light.towards, light.distance) / scale;
   return light;
 }
 

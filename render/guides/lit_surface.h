@@ -5,6 +5,7 @@
 
 #include "render/guides/ambient_light.h"
 #include "render/guides/guide_light.h"
+#include "render/guides/guide_media.h"
 #include "render/guides/sharp_light.h"
 #include "render/guides/surface_light.h"
 #include "render/world/bsdf.h"
@@ -40,6 +41,8 @@ struct LitSurfaces {
   const Surfaces* surfaces;
   const AmbientLight* ambient_light;
   const SurfaceLight* surface_light;
+  const GuideMedia* media = nullptr;  ///< looked up where their shadows fall; null: the nodes' extinction is enough
+  GuideColour colour = kGrey;         ///< of the guides
 
   /// Light from all around that a diffuse surface of albedo 1 reflects; of any other none.
   SurfaceLight::Around around(const ShadedPoint& at) const {
@@ -59,6 +62,8 @@ struct LitSurfaces {
   Lit shares(const dvec3& p, const dvec3& towards, double distance) const;
 
  private:
+  /// Optical depth through the media but for the forward peak.
+  double depth(const dvec3& p, const dvec3& towards, double distance) const;
   /// What arrives of a light of known direction.
   ArrivingLight arriving(const SharpLight& light, const dvec3& p) const;
   dvec3 unshadowed(const KnownLight& source, const ArrivingLight& light, const dvec3& p) const;

@@ -15,10 +15,11 @@ namespace {
 
 constexpr double kAcrossMedia = 24, kAcrossMesh = 12;  // points, along the longest side
 constexpr double kGrowth = 2;                          // of their distances, in the media's size from the media
-constexpr size_t kMostPoints = 4000;
+constexpr size_t kMostPoints = 4000, kMostWithNear = 6000;
 // Where another surface is near: points are no farther apart than this share of the harmonic mean distance to it, but
-// as close together as a share of what they are elsewhere; it is looked for as far as several times their distances.
-constexpr double kPerReach = 0.8, kClosest = 0.25, kFarthest = 2;
+// as close together as a share of what they are elsewhere, the first of several that does not need too many points; it
+// is looked for as far as several times their distances.
+constexpr double kPerReach = 0.8, kClosest[] = {0.25, 0.4, 0.6}, kFarthest = 2;
 constexpr int kReachRays = 12;
 constexpr double kSamplesAcross = 2;  // of a point's part
 constexpr size_t kMostSamples = 4;
@@ -71,19 +72,22 @@ SurfacePoints::SurfacePoints(const Surfaces& surfaces, const GuideMedia& media, 
   constexpr int kTries = 6;
   double wider = 1;
   for (int i = 0; i < kTries; ++i) {
-    spread(surfaces, media, wider, nullptr);
+    spread(surfaces, media, wider, {});
     settle(surfaces, task);
     if (points_.size() <= kMostPoints) break;
     wider *= 1.1 * std::sqrt(static_cast<double>(points_.size()) / kMostPoints);
   }
   grow_tree();
   if (!find_reach(surfaces, task)) return;
-  SurfacePoints closer(*this);
-  closer.spread(surfaces, media, wider, this);
-  closer.settle(surfaces, task);
-  if (closer.points_.size() > kMostPoints) return;
-  points_ = std::move(closer.points_);
-  grow_tree();
+  for (const double closest : kClosest) {
+    SurfacePoints closer(*this);
+    closer.spread(surfaces, media, wider, {this, closest});
+    closer.settle(surfaces, task);
+    if (closer.points_.size() > kMostWithNear) continue;
+    points_ = std::move(closer.points_);
+    grow_tree();
+    return;
+  }
 }
 
 void SurfacePoints::grow_tree() {
@@ -111,7 +115,7 @@ bool SurfacePoints::find_reach(const Surfaces& surfaces, const Task& task) {
   return std::find(near.begin(), near.end(), 1) != near.end();
 }
 
-void SurfacePoints::spread(const Surfaces& surfaces, const GuideMedia& media, double wider, const SurfacePoints* near) {
+void SurfacePoints::spread(const Surfaces& surfaces, const GuideMedia& media, double wider, const Near& near) {
   points_.clear();
   struct Part {
     dvec3 sum{0};
@@ -134,12 +138,12 @@ void SurfacePoints::spread(const Surfaces& surfaces, const GuideMedia& media, do
     const auto spacing = [&](const dvec3& p) {
       const double far =
           wider * std::min(of_mesh, (size + kGrowth * distance_to(p, media.lo(), media.hi())) / kAcrossMedia);
-      if (!near) return far;
+      if (!near.points) return far;
       double close = far;
       for (const double side : {1.0, -1.0})
-        if (const int i = near->nearest(p, side * normal); i >= 0)
-          close = std::min(close, kPerReach * near->points_[static_cast<size_t>(i)].reach);
-      return std::max(close, kClosest * far);
+        if (const int i = near.points->nearest(p, side * normal); i >= 0)
+          close = std::min(close, kPerReach * near.points->points_[static_cast<size_t>(i)].reach);
+      return std::max(close, near.closest * far);
     };
     const auto largest = [&](const dvec3& p) {
       const double side = spacing(p) / kSamplesAcross;

@@ -40,8 +40,13 @@ class SurfacePoints {
   Around around(const dvec3& p, const dvec3& normal) const;
 
  private:
-  /// @param near  points that know their reach: others are no farther apart than that asks for; null: none do
-  void spread(const Surfaces& surfaces, const GuideMedia& media, double wider, const SurfacePoints* near);
+  /// Points that know their reach, which says how close together others have to be, and the least share of their usual
+  /// distances that these may have; none: distances are the usual ones.
+  struct Near {
+    const SurfacePoints* points = nullptr;
+    double closest = 1;
+  };
+  void spread(const Surfaces& surfaces, const GuideMedia& media, double wider, const Near& near);
   /// Finds how far the points are from what is near them. @return whether any is nearer to that than to other points
   bool find_reach(const Surfaces& surfaces, const Task& task);
   void grow_tree();
