@@ -20,9 +20,9 @@ float sum(const vec3& v) {
   return v.x + v.y + v.z;
 }
 
-/// e^x for x <= 0, relative error below 1e-5; in a form that compilers turn into vectors.
+/// e^x for -86 < x <= 0, relative error below 1e-5; in a form that compilers turn into vectors.
 inline float fast_exp(float x) {
-  const float t = std::max(x * std::numbers::log2e_v<float>, -125.0f);
+  const float t = x * std::numbers::log2e_v<float>;
   const int32_t whole = static_cast<int32_t>(t) - 1;
   const float f = t - static_cast<float>(whole);  // 0 .. 1
   const float power =
@@ -30,7 +30,10 @@ inline float fast_exp(float x) {
   return std::bit_cast<float>((whole + 127) << 23) * power;
 }
 
-/// Of numbers that are not negative, whose order is that of their bits: compilers make vectors of that.
+// Of numbers that are not negative the order is that of their bits: compilers make vectors of that.
+inline float larger(float a, float b) {
+  return std::bit_cast<float>(std::max(std::bit_cast<int32_t>(a), std::bit_cast<int32_t>(b)));
+}
 float largest(const float* values, size_t count) {
   int32_t most = 0;
   for (size_t i = 0; i < count; ++i) most = std::max(most, std::bit_cast<int32_t>(values[i]));
@@ -193,19 +196,20 @@ void DeepPixels::add_up(std::span<const std::vector<DeepPart>> pixels) {
 
 /// Fills above_ and errors_ for the knots inside. @return  how many
 size_t DeepPixels::compare(size_t from, size_t to) {
-  const Knot &a = knots_[from], &b = knots_[to];
+  const Knot a = knots_[from], b = knots_[to];
   if (to - from < 2 || !(b.z > a.z)) return 0;
   const float per_z = 1 / (b.z - a.z), depth = b.log_left - a.log_left, taken = a.left - b.left;
-  const bool takes = taken > kNothing;
-  const float per_taken = takes ? 1 / taken : 0, light = b.light_sum - a.light_sum;
+  // Without a branch, so that compilers make vectors of what follows.
+  const float takes = static_cast<float>(taken > kNothing), even = 1 - takes;
+  const float per_taken = takes / std::max(taken, kNothing), light = b.light_sum - a.light_sum;
   const float *const z = &z_[from + 1], *const left = &left_[from + 1], *const sums = &light_sums_[from + 1];
   float *const above = above_.data(), *const errors = errors_.data();
   const size_t between = to - from - 1;
   for (size_t m = 0; m < between; ++m) {
     const float f = (z[m] - a.z) * per_z, exponential = a.left * fast_exp(f * depth);
-    const float share = takes ? (a.left - exponential) * per_taken : f;
+    const float share = (a.left - exponential) * per_taken + even * f;
     above[m] = exponential - left[m];
-    errors[m] = std::max(std::abs(above[m]), std::abs(a.light_sum + share * light - sums[m]));
+    errors[m] = larger(std::abs(above[m]), std::abs(a.light_sum + share * light - sums[m]));
   }
   return between;
 }
