@@ -12,6 +12,9 @@ namespace {
 
 // Transmittances of four rays that stand for sixteen differ by less.
 constexpr double kAlike = 0.02;
+// Where the darkest sky that a lens turns to a pixel is a smaller share of the brightest, so many show more of it;
+// where the media are thicker, they cost too much.
+constexpr double kAlikeSky = 0.95, kClear = 0.9;
 // Highlights of a metal that differ from those of a pixel beside it by more, of all that both show, need sixteen rays.
 constexpr double kHighlightEdge = 0.1;
 
@@ -42,8 +45,11 @@ void GuideTile::record(const ivec2& corner, const ivec2& from, const ivec2& to, 
     }
   trace(plain, across);
   if (across > 1 && rays.blurred())
-    for (const size_t p : plain)
-      if (!(traced_[p].alike && traced_[p].most - traced_[p].least < kAlike)) at_edges.push_back(p);
+    for (const size_t p : plain) {
+      const Traced& found = traced_[p];
+      const bool sky = !found.surface && found.least > kClear && found.darkest < kAlikeSky * found.brightest;
+      if (sky || !(found.alike && found.most - found.least < kAlike)) at_edges.push_back(p);
+    }
   if (!march_.sketch_)
     for (const size_t p : plain)
       if (pixels_[p].mirrored_edge && traced_[p].across == across) at_edges.push_back(p);
@@ -171,6 +177,10 @@ void GuideTile::end(const CameraRay& ray, const MarchedRay& marched) {
   pixel.alike = pixel.alike && surface == pixel.surface;
   pixel.least = std::min(pixel.least, transmittance);
   pixel.most = std::max(pixel.most, transmittance);
+  if (ray.hit || ray.light) return;
+  const double sky = in_colour(dvec3(sums.background - before), kGrey);
+  pixel.darkest = std::min(pixel.darkest, sky);
+  pixel.brightest = std::max(pixel.brightest, sky);
 }
 
 void GuideTile::add_media(const MarchedRay& marched, GuideSums& sums) const {

@@ -27,6 +27,7 @@ class GuideTile {
     double least = 1, most = 0;  ///< transmittance
     bool alike = true;
     std::optional<uint32_t> surface = {};
+    double darkest = kFar, brightest = 0;  ///< sky behind
   };
   /// A camera ray and what ends it.
   struct CameraRay {
