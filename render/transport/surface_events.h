@@ -18,7 +18,8 @@ class SurfaceEvents {
   /// of the BSDF. False where the path ends.
   /// @param eye      where its camera ray begins
   /// @param shadows  gets the slot where the light sample is worth a shadow ray
-  bool meet(size_t slot, const dvec3& eye, SlotList& shadows);
+  /// @param balls    draws points of lit balls; null where there are none
+  bool meet(size_t slot, const dvec3& eye, SlotList& shadows, BallSamples* balls);
   /// What surfaces leave of the light samples. Drops those that are dark from the list.
   void shadow(SlotList& shadows);
 
