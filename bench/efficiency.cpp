@@ -3,7 +3,8 @@
 //
 //   brume_efficiency SCENE.toml [--spp 16] [--seeds 4] [--threads 0] [--processor-time] [-D key=value ...]
 //   brume_efficiency SCENE.toml --frames A.exr B.exr ... --seconds S     another renderer's frames, S seconds each
-//   brume_efficiency SCENE.toml --parts            and the errors of the parts that add up to the picture, by themselves
+//   brume_efficiency SCENE.toml --parts            and the errors of the parts that add up to the picture, by
+//   themselves
 //
 // The error of a frame is its variance, from pairs of independent frames: no reference is needed but for the
 // denominator and the mask, and its noise does not enter. The interval is 1.96 standard errors over the seeds.
@@ -56,6 +57,19 @@ RunningStatistics error_of(const std::vector<Frame>& frames, const Frame& mean, 
     errors.add(sum / static_cast<double>(pixels));
   }
   return errors;
+}
+
+/// The mean of the pictures, with its standard error.
+std::string mean_of(const std::vector<Frame>& frames) {
+  RunningStatistics means;
+  for (const Frame& f : frames) {
+    double sum = 0;
+    for (const Plane& plane : f)
+      for (int y = 0; y < plane.height(); ++y)
+        for (int x = 0; x < plane.width(); ++x) sum += plane(x, y);
+    means.add(sum / (3.0 * f[0].width() * f[0].height()));
+  }
+  return fmt::format("{:.6f} +- {:.6f}", means.mean, std::sqrt(means.mean_variance()));
 }
 
 int run(int argc, char** argv) {
@@ -131,15 +145,17 @@ int run(int argc, char** argv) {
   const double half_width =
       errors.count > 1 ? 1.96 * std::sqrt(errors.mean_variance()) / errors.mean * efficiency : 0.0;
   fmt::print("{:<16} relMSE {:.5f} over {:.1f} % of the pixels, {:.3f} s: efficiency {:.3g} +- {:.2g}",
-             scene.scene().name, errors.mean, 100.0 * static_cast<double>(pixels) / static_cast<double>(alpha.width() * alpha.height()), time, efficiency,
-             half_width);
+             scene.scene().name, errors.mean,
+             100.0 * static_cast<double>(pixels) / static_cast<double>(alpha.width() * alpha.height()), time,
+             efficiency, half_width);
   if (paths > 0)
     fmt::print("; {:.3g} paths/s, {:.3g} look-ups/s, {:.2f} look-ups per scattering, {:.2f} scatterings per path",
                paths / total_seconds, lookups / total_seconds, lookups / std::max(collisions, 1.0), collisions / paths);
   fmt::print("\n");
   if (parts)
     for (size_t k = 0; k < kParts.size(); ++k)
-      fmt::print("  {:<10} {:.5f}\n", kParts[k].name, error_of(measured_parts[k], mean, alpha, pixels).mean);
+      fmt::print("  {:<10} {:.5f}, mean {}\n", kParts[k].name, error_of(measured_parts[k], mean, alpha, pixels).mean,
+                 mean_of(measured_parts[k]));
   return 0;
 }
 

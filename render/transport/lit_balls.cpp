@@ -12,11 +12,14 @@
 namespace brume {
 namespace {
 
-constexpr double kDepth = 0.5;        // mean optical depth of a ball's radius
-constexpr double kSize = 0.25;        // its largest radius, as a share of the medium's
-constexpr double kLeastAlbedo = 0.02;  // of the ball: what scatters less is left to flights
+constexpr double kDepth = 0.5;             // mean optical depth of a ball's radius
+constexpr double kSize = 0.25;             // its largest radius, as a share of the medium's
+constexpr double kLeastScattering = 0.02;  // of a lamp's light along a ball's radius: less is left to flights
+constexpr double kWorth = 2;               // shadow rays that a point is worth which scatters as the mean of its ball
 
-double grey(const dvec3& colour) { return (colour.x + colour.y + colour.z) / 3; }
+double grey(const dvec3& colour) {
+  return (colour.x + colour.y + colour.z) / 3;
+}
 
 /// Extinction and scattering of all media at a point, grey.
 dvec2 coefficients_at(std::span<const Medium> media, const dvec3& p) {
@@ -31,14 +34,22 @@ dvec2 coefficients_at(std::span<const Medium> media, const dvec3& p) {
   return sum;
 }
 
+/// Evenly over the sphere.
+dvec3 direction(const dvec2& u) {
+  const double z = 1 - 2 * u.x, s = std::sqrt(std::max(0.0, 1 - z * z));
+  const SinCos phi = portable_sincos_2pi(u.y);
+  return {s * phi.cos, s * phi.sin, z};
+}
+
 /// Mean coefficients along the radii of a ball.
 dvec2 mean_coefficients(std::span<const Medium> media, const dvec3& centre, double radius) {
   constexpr int kPoints = 512;
   dvec2 sum(0);
   for (int k = 0; k < kPoints; ++k) {
-    const double z = 1 - (2 * k + 1.0) / kPoints, phi = 2 * kPi * kGoldenRatio * k, s = std::sqrt(1 - z * z);
-    const double r = radius * std::fmod(0.5 + k * 0.7548776662466927, 1.0);
-    sum += coefficients_at(media, centre + r * dvec3(s * std::cos(phi), s * std::sin(phi), z));
+    const dvec2 u((k + 0.5) / kPoints, std::fmod(kGoldenRatio * k, 1.0));
+    const double r =
+        std::fmod(0.5 + k * 0.7548776662466927, 1.0);  // the plastic number's share: even beside the others
+    sum += coefficients_at(media, centre + radius * r * direction(u));
   }
   return sum / static_cast<double>(kPoints);
 }
@@ -56,15 +67,16 @@ std::vector<LitBall> choose_lit_balls(std::span<const Medium> media, const Light
     const bool near = std::any_of(near_lights.begin(), near_lights.end(),
                                   [&](const NearLight& other) { return other.light == light; });
     if (near || !(light->importance(centre + dvec3(1, 2, 3)) > 0)) continue;
-    double radius = (getenv("BALLR") ? atof(getenv("BALLR")) : kSize) * most;
+    double radius = kSize * most;
     dvec2 mean = mean_coefficients(media, centre, radius);
     if (mean.x * radius > kDepth) {
       radius *= std::max(0.25, kDepth / (mean.x * radius));
       mean = mean_coefficients(media, centre, radius);
     }
-    if (!(mean.y * radius > kLeastAlbedo)) continue;
+    if (!(mean.y * radius > kLeastScattering)) continue;
     const dvec3 off(0.57735026918962576 * radius);
-    balls.push_back({light, centre, radius, mean.x, mean.y * radius * light->importance(centre + off) * radius * radius});
+    balls.push_back(
+        {light, centre, radius, mean.x, mean.y * radius * light->importance(centre + off) * radius * radius});
   }
   return balls;
 }
@@ -118,9 +130,8 @@ bool BallSamples::draw_point(size_t i, const dvec3& vertex, uint32_t events, Poi
   point.ball = &balls[k];
   point.chance = chance(balls[k], vertex);
   const dvec2 u = numbers.pair();
-  const double z = 1 - 2 * u.x, s = std::sqrt(std::max(0.0, 1 - z * z)), phi = 2 * kPi * u.y;
   const double r = balls[k].radius * numbers.uniform();
-  point.p = balls[k].centre + r * dvec3(s * std::cos(phi), s * std::sin(phi), z);
+  point.p = balls[k].centre + r * direction(u);
   const dvec3 to = point.p - vertex;
   point.distance = glm::length(to);
   if (!(point.distance > 0 && r > 0)) return false;
@@ -138,13 +149,20 @@ void BallSamples::add(size_t i, const Scattering& scattering, const Point& point
     any.each_around(point.p, [&](const Medium& m, size_t) {
       const double density = m.density(m.to_local(point.p));
       if (density > 0)
-        source += m.coefficients().sigma_t * (density * m.phase().value(glm::dot(point.wi, lamp.wi))) * m.albedo(point.p);
+        source +=
+            m.coefficients().sigma_t * (density * m.phase().value(glm::dot(point.wi, lamp.wi))) * m.albedo(point.p);
     });
   const double density = point.chance * ball.density(lamp.distance * lamp.distance);
   const double rival = density * point.distance * point.distance / ball.sigma_t;
-  const dvec3 L = scattering.value * source * lamp.radiance *
-                  (balance(rival, scattering.pdf) / (density * point.distance * point.distance));
+  const double weight = balance(rival, scattering.pdf);
+  dvec3 L = scattering.value * source * lamp.radiance * (weight / (density * point.distance * point.distance));
   if (L == dvec3(0)) return;
+  // Shadow rays from where little is scattered are seldom worth it.
+  const double worth = kWorth * weight * grey(source) * 4 * kPi / ball.sigma_t;
+  if (worth < 1) {
+    if (!(PathGenerator(p_, i).uniform() < worth)) return;
+    L /= worth;
+  }
   to_point_[i] = {{scattering.from, point.wi}, point.distance};
   to_lamp_[i] = {{point.p, lamp.wi}, lamp.distance};
   if (c_.lights->blocked(to_point_[i].ray, point.distance, nullptr) ||

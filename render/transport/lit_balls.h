@@ -17,14 +17,14 @@ struct WorldPaths;
 class MediaFlights;
 
 // Light that is scattered close to a lamp in smoke, on its way to a vertex anywhere. Flights find such places seldom,
-// and what they find there grows as 1 / r^2, with a variance that has no bound: bright pixels wherever a flight happened
-// to end at a lamp. So vertices aim at the smoke around a lamp, too, at a point of a ball whose density falls as 1 / r^2
-// itself, and see it lit by the lamp.
+// and what they find there grows as 1 / r^2, with a variance that has no bound: bright pixels wherever a flight
+// happened to end at a lamp. So vertices aim at the smoke around a lamp, too, at a point of a ball whose density falls
+// as 1 / r^2 itself, and see it lit by the lamp.
 //
-// Both techniques reach the same pairs of a vertex x and a point y, so their shares are weighed by the balance heuristic:
-// points by their density p(y), flights by pdf(direction) sigma / |x - y|^2, where one number, the mean extinction
-// of the ball, stands for what the flight meets. Weights of any kind are unbiased where they sum to 1; with these the
-// factor 1 / |x - y|^2 is left to flights, and 1 / r^2 to points.
+// Both techniques reach the same pairs of a vertex x and a point y, so their shares are weighed by the balance
+// heuristic: points by their density p(y), flights by pdf(direction) sigma / |x - y|^2, where one number, the mean
+// extinction of the ball, stands for what the flight meets. Weights of any kind are unbiased where they sum to 1; with
+// these the factor 1 / |x - y|^2 is left to flights, and 1 / r^2 to points.
 //
 // Source: balance heuristic of Veach 1997; points drawn around a lamp instead of vertices of a path from it: ours.
 
@@ -68,7 +68,8 @@ class BallSamples {
   void leave(size_t slot);
   /// Leaves to the light samples at collisions what is the flights' share of it.
   void weigh(const SlotList& shadows);
-  /// Draws a point for a vertex. @param events  of the path, the vertex included   @param scattering  (wi) tells a Scattering, the path's throughput included
+  /// Draws a point for a vertex. @param events  of the path, the vertex included   @param scattering  (wi) tells a
+  /// Scattering, the path's throughput included
   template <class Of>
   void draw(size_t slot, const dvec3& p, uint32_t events, const Of& scattering) {
     Point point;
