@@ -15,7 +15,6 @@ namespace {
 constexpr double kDepth = 0.5;             // mean optical depth of a ball's radius
 constexpr double kSize = 0.25;             // its largest radius, as a share of the medium's
 constexpr double kLeastScattering = 0.02;  // of a lamp's light along a ball's radius: less is left to flights
-constexpr double kWorth = 2;               // shadow rays that a point is worth which scatters as the mean of its ball
 
 double grey(const dvec3& colour) {
   return (colour.x + colour.y + colour.z) / 3;
@@ -154,15 +153,9 @@ void BallSamples::add(size_t i, const Scattering& scattering, const Point& point
     });
   const double density = point.chance * ball.density(lamp.distance * lamp.distance);
   const double rival = density * point.distance * point.distance / ball.sigma_t;
-  const double weight = balance(rival, scattering.pdf);
-  dvec3 L = scattering.value * source * lamp.radiance * (weight / (density * point.distance * point.distance));
+  const dvec3 L = scattering.value * source * lamp.radiance *
+                  (balance(rival, scattering.pdf) / (density * point.distance * point.distance));
   if (L == dvec3(0)) return;
-  // Shadow rays from where little is scattered are seldom worth it.
-  const double worth = kWorth * weight * grey(source) * 4 * kPi / ball.sigma_t;
-  if (worth < 1) {
-    if (!(PathGenerator(p_, i).uniform() < worth)) return;
-    L /= worth;
-  }
   to_point_[i] = {{scattering.from, point.wi}, point.distance};
   to_lamp_[i] = {{point.p, lamp.wi}, lamp.distance};
   if (c_.lights->blocked(to_point_[i].ray, point.distance, nullptr) ||

@@ -46,7 +46,7 @@ bool far_from_fields(const Medium& medium, const SceneMedia& media, const Lights
 bool is_one_grid(const Plan& plan, const SceneMedia& media, const Lights& lights) {
   const auto& fields = media.emissions();
   return plan.media.size() == 1 && plan.media[0] == Precision::kLanes && !plan.instances && !plan.holdouts &&
-         !plan.chromatic && !plan.surfaces && !plan.moving_media && !plan.layers.records && plan.lit_balls.empty() && lights.all_solid() &&
+         !plan.chromatic && !plan.surfaces && !plan.moving_media && !plan.layers.records && lights.all_solid() &&
          std::all_of(fields.begin(), fields.end(), LaneEmission::fits);
 }
 
@@ -91,10 +91,11 @@ Plan make_plan(const Scene& scene, const SceneMedia& media, const Lights& lights
   plan.layers.light_parts = layers.light_parts && !lights.groups().empty();
   // What is sampled along a flight is not told by the medium that it is in.
   if (!plan.holdouts) plan.near_lights = choose_near_lights(all, lights, scene.render.near_lights);
-  if (!plan.holdouts && !plan.moving_media && !layers.records)  // records have no place for it
-    plan.lit_balls = choose_lit_balls(all, lights, plan.near_lights, scene.render.near_lights);
   plan.interpolate = scene.render.lookup == "interpolated";
   plan.one_grid = is_one_grid(plan, media, lights);
+  // In the one grid paths know no world, and forced first collisions gain more. Records have no place for such light.
+  if (!plan.one_grid && !plan.holdouts && !plan.moving_media && !layers.records)
+    plan.lit_balls = choose_lit_balls(all, lights, plan.near_lights, scene.render.near_lights);
   plan.seen_emission =
       plan.emission && plan.has_media() && !plan.moving_media && !plan.instances &&
       std::find(plan.media.begin(), plan.media.end(), Precision::kDouble) == plan.media.end() &&
