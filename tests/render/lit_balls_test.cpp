@@ -59,7 +59,7 @@ TEST(LitBalls, EndWherePathsAreCut) {
   add_floor(s);
   for (const int events : {1, 2, 3}) {
     s.render.max_events = events;
-    expect_agreement(s, 200, 0.15);
+    expect_agreement(s, 400, 0.15);
   }
 }
 
