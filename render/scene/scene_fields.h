@@ -111,7 +111,7 @@ void describe(Visitor& v, RenderSettings& r) {
     r.first_collision);
   v({.key = "near_lights",
      .help =
-         "auto: light of points, spots and spheres inside homogeneous media is sampled along flights too, equiangularly; off: at collisions only",
+         "auto: light of points, spots and spheres inside homogeneous media is sampled along flights too, equiangularly, and vertices aim at the smoke around points and spots in grids; off: at collisions only",
      .choices = {"auto", "off"}},
     r.near_lights);
   v({.key = "flash_relief",

@@ -90,6 +90,8 @@ std::string explain(const Plan& plan, const Scene& scene, const SceneMedia& medi
                                std::count(plan.far_from_fire.begin(), plan.far_from_fire.end(), true),
                                plan.far_from_fire.size()));
   if (!plan.near_lights.empty()) line("  near lights", "sampled along flights too, equiangularly");
+  if (!plan.lit_balls.empty())
+    line("  lit smoke", fmt::format("vertices aim at the smoke around {} lamps, too", plan.lit_balls.size()));
   if (scene.render.indirect_limit > 0)
     line("indirect limit",
          fmt::format("paths bring a mean radiance of {} at most: biased", scene.render.indirect_limit));

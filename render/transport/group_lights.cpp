@@ -33,12 +33,13 @@ bool GroupLights::wanted(const PathContext& context) {
 }
 
 GroupLights::GroupLights(const PathContext& context, PathStates& paths, WorldPaths& world, MediaFlights& flights,
-                         SurfaceEvents* surfaces)
+                         SurfaceEvents* surfaces, const BallSamples* balls)
     : c_(context),
       p_(paths),
       w_(world),
       flights_(flights),
       surfaces_(surfaces),
+      balls_(balls),
       lights_(w_.groups),
       apart_(kPool * w_.groups),
       sampled_(kPool),
@@ -149,7 +150,8 @@ bool GroupLights::aim_from_medium(size_t i, size_t group) {
   const double phase = medium.phase().value(glm::dot(glm::normalize(dvec3(p_.d[i])), light.wi));
   const double mis = light.delta ? 1.0 : balance(light.pdf, phase);
   const dvec3 albedo = medium.instances() ? medium.albedo(static_cast<size_t>(w_.instance[i]), p) : medium.albedo(p);
-  const double share = far_share(c_.plan.near_lights, light.light, p) * phase * mis / light.pdf;
+  const double flown = balls_ ? balls_->share_of_flights(i, light.light, p) : 1.0;
+  const double share = far_share(c_.plan.near_lights, light.light, p) * flown * phase * mis / light.pdf;
   const dvec3 L = dvec3(p_.throughput[i]) * albedo * light.radiance * share;
   if (!(max_component(L) > 0)) return false;
   p_.contribution.set(i, vec3(L));

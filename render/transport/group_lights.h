@@ -2,6 +2,7 @@
 #include <functional>
 #include <vector>
 
+#include "render/transport/lit_balls.h"
 #include "render/transport/media_flights.h"
 #include "render/transport/surface_events.h"
 #include "render/transport/world_paths.h"
@@ -18,9 +19,9 @@ class GroupLights {
   /// Whether the layers are wanted and there are samples of more than one group to choose among.
   static bool wanted(const PathContext& context);
 
-  /// Refers to all of them. @param surfaces  null where there are none
+  /// Refers to all of them. @param surfaces, balls  null where there are none
   GroupLights(const PathContext& context, PathStates& paths, WorldPaths& world, MediaFlights& flights,
-              SurfaceEvents* surfaces);
+              SurfaceEvents* surfaces, const BallSamples* balls);
 
   /// Of a path that begins.
   void start(size_t slot);
@@ -43,13 +44,13 @@ class GroupLights {
   double probability_of_group(size_t group, const dvec3& p, bool fields) const;
   LightSample sample_of(size_t group, const dvec3& p, bool fields, PathGenerator& rng) const;
   bool aim_from_medium(size_t slot, size_t group);
-  bool aim_from_surface(size_t slot, size_t group);
 
   const PathContext& c_;
   PathStates& p_;
   WorldPaths& w_;
   MediaFlights& flights_;
   SurfaceEvents* surfaces_;
+  const BallSamples* balls_;
   std::vector<std::vector<const Light*>> lights_;  // that are sampled, by group
   std::vector<GroupLight> apart_;                  // by slot and group
   std::vector<bool> sampled_;                      // slots, at their vertex

@@ -95,6 +95,9 @@ Plan make_plan(const Scene& scene, const SceneMedia& media, const Lights& lights
   if (!plan.holdouts) plan.near_lights = choose_near_lights(all, lights, scene.render.near_lights);
   plan.interpolate = scene.render.lookup == "interpolated";
   plan.one_grid = is_one_grid(plan, media, lights);
+  // In the one grid paths know no world, and forced first collisions gain more. Records have no place for such light.
+  if (!plan.one_grid && !plan.holdouts && !plan.moving_media && !layers.records)
+    plan.lit_balls = choose_lit_balls(all, lights, plan.near_lights, scene.render.near_lights);
   plan.seen_emission =
       plan.emission && plan.has_media() && !plan.moving_media && !plan.instances &&
       std::find(plan.media.begin(), plan.media.end(), Precision::kDouble) == plan.media.end() &&

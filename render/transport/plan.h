@@ -2,6 +2,7 @@
 #include <vector>
 
 #include "render/transport/first_collision.h"
+#include "render/transport/lit_balls.h"
 #include "render/transport/near_light.h"
 #include "render/transport/path_sample.h"
 #include "render/world/lights.h"
@@ -35,6 +36,8 @@ struct Plan {
   bool interpolate = false;            ///< interpolate all eight voxels around a point, do not draw one
   FirstCollision first_collision;      ///< of camera rays, where one_grid
   std::vector<NearLight> near_lights;  ///< small lights in homogeneous media, sampled along flights too
+
+  std::vector<LitBall> lit_balls;      ///< smoke around lamps, which vertices aim at
 
   // Recorded beyond what the path computes anyway.
   bool isosurface = false;     ///< intersected once per path

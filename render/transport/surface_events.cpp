@@ -44,7 +44,7 @@ struct SurfaceEvents::Vertex {
   dvec3 wo_local;
 };
 
-bool SurfaceEvents::meet(size_t i, const dvec3& eye, SlotList& shadows) {
+bool SurfaceEvents::meet(size_t i, const dvec3& eye, SlotList& shadows, BallSamples* balls) {
   WorldPaths::Past& past = w_.past[i];
   past.to_catcher = false;
   const bool first = p_.events[i] == 0;
@@ -66,6 +66,11 @@ bool SurfaceEvents::meet(size_t i, const dvec3& eye, SlotList& shadows) {
   }
   ++p_.events[i];
   if (c_.plan.light_sampling && !v.bsdf.delta()) sample_light(i, v, v.p, false, shadows);
+  if (balls && !v.bsdf.delta())
+    balls->draw(i, v.p, p_.events[i], [&](const dvec3& wi) {
+      const auto [value, pdf] = v.scattering(wi);
+      return BallSamples::Scattering{throughput(i) * value, pdf, Surfaces::leave(v.hit, v.p, wi)};
+    });
   return scatter(i, v);
 }
 

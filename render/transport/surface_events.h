@@ -19,7 +19,8 @@ class SurfaceEvents {
   /// of the BSDF. False where the path ends.
   /// @param eye      where its camera ray begins
   /// @param shadows  gets the slot where the light sample is worth a shadow ray
-  bool meet(size_t slot, const dvec3& eye, SlotList& shadows);
+  /// @param balls    draws points of lit balls; null where there are none
+  bool meet(size_t slot, const dvec3& eye, SlotList& shadows, BallSamples* balls);
   /// Makes a light sample of its own at the surface that a path is about to meet, without changing the path.
   /// @param draw  gives a sample of light at a point. @return  whether it is worth a shadow ray
   bool aim(size_t slot, const std::function<LightSample(const dvec3& p)>& draw);

@@ -12,6 +12,7 @@
 #include "render/transport/estimator.h"
 #include "render/transport/flight_emission.h"
 #include "render/transport/group_lights.h"
+#include "render/transport/lit_balls.h"
 #include "render/transport/media_flights.h"
 #include "render/transport/near_flights.h"
 #include "render/transport/path_layers.h"
@@ -68,8 +69,9 @@ class Wavefront {
     group_values_.resize(4 * w_.groups);
     if (c_.plan.emission) emission_.emplace(c_, p_, w_, *pool_.emission);
     if (!c_.plan.near_lights.empty()) near_flights_.emplace(c_, p_, w_, flights_, counters_.tracking);
+    if (!c_.plan.lit_balls.empty()) balls_ = std::make_unique<BallSamples>(c_, p_, w_, flights_);
     if (c_.surfaces) surfaces_.emplace(c_, p_, w_, pool_.samples, counters_);
-    if (GroupLights::wanted(c_)) group_lights_.emplace(c_, p_, w_, flights_, surfaces_ ? &*surfaces_ : nullptr);
+    if (GroupLights::wanted(c_)) group_lights_.emplace(c_, p_, w_, flights_, surfaces_ ? &*surfaces_ : nullptr, balls_.get());
     if (c_.plan.layers.records) recorder_.emplace(c_, p_, w_);
   }
 
@@ -279,12 +281,15 @@ class Wavefront {
 
   /// The events at the ends of the flights, and the shadow rays of their light samples.
   void scatter() {
+    if (balls_)
+      for (const size_t i : pool_.hits) balls_->leave(i);
     if (group_lights_) group_lights_->sample(requests_, pool_.hits, pool_.met);
     if (recorder_) recorder_->collide(pool_.hits);
     for (size_t m = 0; m < flights_.count(); ++m) scatter_in(m);
+    if (balls_) balls_->weigh(pool_.shadows);
     if (recorder_) recorder_->turn(pool_.alive);
     for (const size_t i : pool_.met)
-      if (surfaces_->meet(i, requests_[p_.request[i]].ray.o, pool_.shadows)) pool_.alive.push(i);
+      if (surfaces_->meet(i, requests_[p_.request[i]].ray.o, pool_.shadows, balls_.get())) pool_.alive.push(i);
     if (recorder_) recorder_->sample_lights(pool_.shadows);
     if (surfaces_) surfaces_->shadow(pool_.shadows);
     flights_.shadow(pool_.shadows);
@@ -302,6 +307,7 @@ class Wavefront {
     mine.clear();
     for (const size_t i : pool_.hits) {
       if (w_.medium[i] != static_cast<int32_t>(medium)) continue;
+      if (balls_) draw_ball_point(i, medium);
       w_.ray[i].o = position(i);
       w_.last_collision[i] = {w_.medium[i], w_.instance[i]};
       w_.past[i] = {.sampled_light = true,
@@ -318,6 +324,17 @@ class Wavefront {
     }
   }
 
+  /// Aims at the smoke around a lamp from a collision.
+  void draw_ball_point(size_t i, size_t medium) {
+    const dvec3 p = position(i);
+    const Medium& any = c_.media[medium];
+    const dvec3 albedo = any.instances() ? any.albedo(static_cast<size_t>(w_.instance[i]), p) : any.albedo(p);
+    balls_->draw(i, p, p_.events[i] + 1, [&](const dvec3& wi) {
+      const double phase = any.phase().value(glm::dot(w_.ray[i].d, wi));
+      return BallSamples::Scattering{dvec3(p_.throughput[i]) * albedo * phase, phase, p};
+    });
+  }
+
   /// Adds the light samples, dimmed by the transmittance of their shadow rays.
   void add_light() {
     for (const size_t i : pool_.shadows) {
@@ -330,6 +347,7 @@ class Wavefront {
       deposit(p_, w_, i, L, p_.events[i], w_.sampled_group[i]);
       if (group_lights_) group_lights_->replace(i, L);
     }
+    if (balls_) balls_->trace();
   }
 
   // ---- ends
@@ -486,6 +504,7 @@ class Wavefront {
   CameraRays camera_rays_;
   std::optional<FlightEmission> emission_;
   std::optional<NearFlights> near_flights_;
+  std::unique_ptr<BallSamples> balls_;
   std::optional<SurfaceEvents> surfaces_;
   std::optional<GroupLights> group_lights_;
   std::optional<PathRecorder> recorder_;

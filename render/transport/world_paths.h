@@ -61,6 +61,7 @@ struct WorldPaths {
   size_t groups = 0;
   std::vector<GroupLight> group_light;
   std::array<size_t, kPool> sampled_group;  ///< of the light sample
+  std::array<const Light*, kPool> sampled_light;
   std::array<PathRecord*, kPool> record;    ///< to be filled; null where none is wanted
 
   /// A path's ray from its last vertex on, which lies `past.passed` before it.
@@ -87,6 +88,7 @@ struct WorldPaths {
   /// Keeps how far a light sample is, its group and, of the first event, what was drawn.
   void note_light(size_t slot, const LightSample& sample, const dvec2& u, bool first) {
     shadow_end[slot] = sample.distance;
+    sampled_light[slot] = sample.light;
     if (sample.light) sampled_group[slot] = sample.light->group;
     if (!record[slot] || !first) return;
     record[slot]->light_1 = static_cast<float>(sample.index);
