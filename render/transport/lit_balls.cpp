@@ -102,8 +102,8 @@ void BallSamples::leave(size_t i) {
 
 void BallSamples::weigh(const SlotList& shadows) {
   for (const size_t i : shadows)
-    p_.contribution.set(i, p_.contribution[i] *
-                               static_cast<float>(share_of_flights(i, w_.sampled_light[i], w_.ray[i].o)));
+    p_.contribution.set(i,
+                        p_.contribution[i] * static_cast<float>(share_of_flights(i, w_.sampled_light[i], w_.ray[i].o)));
 }
 
 double BallSamples::share_of_flights(size_t i, const Light* light, const dvec3& p) const {

@@ -37,7 +37,7 @@ struct Plan {
   FirstCollision first_collision;      ///< of camera rays, where one_grid
   std::vector<NearLight> near_lights;  ///< small lights in homogeneous media, sampled along flights too
 
-  std::vector<LitBall> lit_balls;      ///< smoke around lamps, which vertices aim at
+  std::vector<LitBall> lit_balls;  ///< smoke around lamps, which vertices aim at
 
   // Recorded beyond what the path computes anyway.
   bool isosurface = false;     ///< intersected once per path

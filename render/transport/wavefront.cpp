@@ -71,7 +71,8 @@ class Wavefront {
     if (!c_.plan.near_lights.empty()) near_flights_.emplace(c_, p_, w_, flights_, counters_.tracking);
     if (!c_.plan.lit_balls.empty()) balls_ = std::make_unique<BallSamples>(c_, p_, w_, flights_);
     if (c_.surfaces) surfaces_.emplace(c_, p_, w_, pool_.samples, counters_);
-    if (GroupLights::wanted(c_)) group_lights_.emplace(c_, p_, w_, flights_, surfaces_ ? &*surfaces_ : nullptr, balls_.get());
+    if (GroupLights::wanted(c_))
+      group_lights_.emplace(c_, p_, w_, flights_, surfaces_ ? &*surfaces_ : nullptr, balls_.get());
     if (c_.plan.layers.records) recorder_.emplace(c_, p_, w_);
   }
 

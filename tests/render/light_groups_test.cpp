@@ -100,6 +100,29 @@ TEST(LightGroups, OfFireAddUpAndAreTheirLightsAlone) {
   expect_their_lights_alone(std::move(scene));
 }
 
+// Where vertices aim at the smoke around lamps, the groups' own samples leave them their share.
+TEST(LightGroups, OfLampsInSmokeAddUpAndAreTheirLightsAlone) {
+  const std::string text = "[camera]\nposition = [0, -4, 1.5]\nlook_at = [0, 0, 1.2]\n" +
+                           std::string("[film]\nwidth = 24\nheight = 18\n[environment]\nradiance = 0.1\n") +
+                           "[[volumes]]\nfile = \"" + test::source("data/volumes/cloud.vdb").string() +
+                           "\"\nsigma_t = 4\nalbedo = 0.9\n[[surfaces]]\nfile = \"" +
+                           test::source("data/meshes/floor.obj").string() + R"("
+[[lights]]
+type = "point"
+position = [0.2, 0.1, 1.2]
+intensity = 1
+[[lights]]
+type = "spot"
+position = [-0.5, 0, 1.3]
+direction = [0.3, 0.1, -1]
+cone_angle = 70
+intensity = 1
+)";
+  const Scene scene = parse_scene(text, "scene.toml");
+  ASSERT_EQ(PreparedScene(scene, {}).plan().lit_balls.size(), 2u);
+  expect_their_lights_alone(scene);
+}
+
 INSTANTIATE_TEST_SUITE_P(Seeds, LightGroupsOf, ::testing::Values(11, 69, 195));
 
 constexpr const char* kScene = R"(
