@@ -99,6 +99,11 @@ void apply_assignment(toml::value& root, const std::string& assignment) {
     std::istringstream stream("value = " + toml_string(text));
     value = parse_toml(stream, source).at("value");
   }
+  // What is made on the way has a place, too, for messages about it.
+  const auto made = [&](const char* empty) {
+    std::istringstream stream(std::string("value = ") + empty);
+    return parse_toml(stream, source).at("value");
+  };
   toml::value* at = &root;
   const std::vector<std::string> keys = split(assignment.substr(0, equals), '.');
   for (size_t i = 0; i < keys.size(); ++i) {
@@ -110,12 +115,11 @@ void apply_assignment(toml::value& root, const std::string& assignment) {
       if (*end != '\0' || key.empty() || index > entries.size())
         throw InputError(
             fmt::format("{}: '{}' is not one of the {} entries, counted from 0", source, key, entries.size()));
-      if (index == entries.size()) entries.emplace_back(toml::table());
+      if (index == entries.size()) entries.push_back(made("{}"));
       at = &entries[index];
     } else if (at->is_table()) {
       const bool of_list = i + 1 < keys.size() && keys[i + 1].find_first_not_of("0123456789") == std::string::npos;
-      const toml::value empty = of_list ? toml::value(toml::array()) : toml::value(toml::table());
-      at = &at->as_table().try_emplace(key, empty).first->second;
+      at = &at->as_table().try_emplace(key, made(of_list ? "[]" : "{}")).first->second;
     } else {
       throw InputError(fmt::format("{}: '{}' is inside {}, not a table", source, key, toml_type_name(*at)));
     }

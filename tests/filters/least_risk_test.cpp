@@ -130,32 +130,6 @@ TEST(LeastRisk, IsNotLedByAFeatureThatHasThePicturesNoise) {
   EXPECT_LT(rms(clean(frame, Known::kHalves), flat), 1.1 * alone);
 }
 
-// A random value at every other pixel and straight lines between: what changes both ways, as foliage does, but has
-// little of the highest frequencies. Bounds: 0.66 of it was taken for noise before masks of higher order were looked
-// at.
-TEST(PictureNoise, LittleOfASmoothTextureIsTakenForNoise) {
-  const Picture texture = {
-      "foliage", false, true, [](int x, int y, size_t) {
-        const auto corner = [&](int i, int j) { return test::chance(i, j, 11); };
-        const double u = 0.5 * (x % 2), v = 0.5 * (y % 2);
-        const int i = x / 2, j = y / 2;
-        return static_cast<float>(0.3 + 0.4 * ((1 - u) * (1 - v) * corner(i, j) + u * (1 - v) * corner(i + 1, j) +
-                                               (1 - u) * v * corner(i, j + 1) + u * v * corner(i + 1, j + 1)));
-      }};
-  double mean = 0, squares = 0, noise = 0;
-  const Layers frame = noisy(texture, 0, 6, Known::kNothing);
-  const Rgb variance = picture_variance(frame.rgb(layer::beauty), {});
-  constexpr double kPixels = static_cast<double>(kWidth) * kHeight;
-  for (int y = 0; y < kHeight; ++y)
-    for (int x = 0; x < kWidth; ++x) {
-      const auto value = static_cast<double>(texture.value(x, y, 1));
-      mean += value / kPixels;
-      squares += value * value / kPixels;
-      noise += static_cast<double>(variance[1](x, y)) / kPixels;
-    }
-  EXPECT_LT(noise, 0.1 * (squares - mean * mean));
-}
-
 TEST(PictureNoise, TellsNoiseFromDetailThatRepeatsItself) {
   for (const Picture& picture : pictures()) {
     const bool repeats =

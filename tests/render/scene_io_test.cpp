@@ -105,6 +105,8 @@ TEST(ReadScene, OverridesReachEveryKey) {
   EXPECT_EQ(scene.render.light_sampling, "all");
   EXPECT_TRUE(holds(error_of(kCamera, {"camera.fovv=3"}), "unknown key 'fovv'"));
   EXPECT_TRUE(holds(error_of(kCamera, {"camera.fov"}), "expected -D table.key=value"));
+  for (const std::string made : {"output.width=64", "lights.0.radius=1"})
+    EXPECT_TRUE(holds(error_of(kCamera, {made}), ("--> -D " + made).c_str())) << error_of(kCamera, {made});
   EXPECT_TRUE(holds(error_of(kCamera, {"camera.fov=.5"}), "-D camera.fov=.5")) << "where it was found";
   EXPECT_TRUE(holds(error_of(std::string(kCamera) + "[[volumes]]\nfile=\"a\"\n", {"volumes.3.g=0"}),
                     "not one of the 1 entries"));
