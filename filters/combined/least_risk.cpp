@@ -390,7 +390,7 @@ const FilterEntry entry =
     declare<LeastRisk>("least_risk",
                        "Several ways to clean a picture, mixed pixel by pixel as an unbiased estimate of their error "
                        "says; the data where none is proven better.")
-        .merit(7, "where the frame has no guides: never worse than the noisy frame, and it converges")
+        .merit(7, "where the frame has no guides: with a variance or a second frame never worse than the noisy frame")
         .source(
             "our own, docs/least_risk.md; risk: Stein 1981, Ramani, Blu and Unser 2008; halves out of one picture: Leiner et al. 2023; stacking: Breiman 1996")
         .notes(

@@ -7,12 +7,13 @@ namespace brume {
 /// what neither straight lines through the pixel nor pixels in surroundings like its own can say of it. Variance of
 /// each channel, above 0. The smaller of two means over 9 x 9 pixels:
 /// - of products of two second differences at right angles, which share nothing but the pixel's own noise, so that an
-///   edge along either leaves them as they are; of four pairs of directions the least
+///   edge along either leaves them as they are; of four pairs of directions the least; and of squared differences of
+///   order 2, 4 and 6 along both axes, where these are clearly less
 /// - of squared differences to the mean of pixels whose 3 x 3 surroundings, without the pixels themselves, are alike,
 ///   as text, grids and weaves repeat themselves; what noise that mean has itself is taken off
 /// In either, values far above the others of 21 x 21 pixels are cut, because single bright points may be stars.
-/// Source of the second: Laine et al. 2019, High-quality self-supervised deep image denoising, for leaving the pixel
-/// itself out.
+/// Sources: Immerkaer 1996, Fast noise variance estimation, for differences along both axes; Laine et al. 2019,
+/// High-quality self-supervised deep image denoising, for leaving the pixel itself out.
 Rgb picture_variance(const RgbPlanes& picture, const Task& task);
 
 }  // namespace brume

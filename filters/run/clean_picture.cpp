@@ -233,6 +233,35 @@ void add_other_lights(ForeignFrame& picture, Layers& file, const ExrInfo& info) 
   if (subtract(parts, planes, half)) picture.lights.push_back(others);
 }
 
+/// A power of two that brings the mean luminance of a very dark picture to about 1 / 8, where filters' guards against
+/// division by nothing are small; 1 for others.
+float lift_of(const Layers& file, const ChannelTriple& channels, const FrameSpace& space) {
+  constexpr double kDark = 1.0 / 1024;
+  const RgbPlanes rgb{file.find(channels[0]), file.find(channels[1]), file.find(channels[2])};
+  double sum = 0, count = 0;
+  for (int y = 0; y < file.height(); ++y)
+    for (int x = 0; x < file.width(); ++x)
+      if (const double light = std::abs(space.luminance(color_at(rgb, x, y))); std::isfinite(light))
+        sum += light, ++count;
+  const double mean = count > 0 ? sum / count : 0;
+  if (!(mean > 0 && mean < kDark)) return 1;
+  return static_cast<float>(std::exp2(std::min(-3 - std::floor(std::log2(mean)), 60.0)));
+}
+
+void scale(Plane& plane, float factor) {
+  for (int y = 0; y < plane.height(); ++y)
+    for (float& v : plane.pixels(y)) v *= factor;
+}
+
+/// Times a factor the beauty and what belongs to it.
+void scale_signal(Layers& frame, float factor) {
+  if (factor == 1) return;
+  for (const auto which : {std::string_view(), statistic::half_a, statistic::half_b, statistic::mean_variance})
+    for (const std::string& name : layer::beauty.channel_names(which))
+      if (Plane* const plane = frame.find(name))
+        scale(*plane, which == statistic::mean_variance ? factor * factor : factor);
+}
+
 /// Runs the filter on one signal after another and puts what comes out in its place, rounded as it is stored. Planes
 /// that are not needed any more are given back early, so that large frames fit.
 class SignalFilter {
@@ -246,8 +275,11 @@ class SignalFilter {
         options_(options),
         others_(options.sequence),
         result_(result),
+        lift_(lift_of(file, picture.color.channels, FrameSpace(file))),
         whole_(std::move(whole)) {
+    scale(whole_, lift_);
     options_.component = Component::kAll;
+    options_.exposure /= static_cast<double>(lift_);
     options_.sequence.clear();
     extra_ = readable_channels(filter, options_, file);
     frame_ = surroundings(picture, file, extra_);
@@ -262,6 +294,7 @@ class SignalFilter {
 
   void operator()(const ForeignSignal& signal, const Task& task) {
     add_unique(result_.notes, adopt_signal(picture_, signal, file_, frame_));
+    scale_signal(frame_, lift_);
     settle_variance(signal, frame_, result_.notes, task);
     ApplyOptions options = options_;
     if (!whole_.empty() && !signal.factor) options.whole = &whole_;
@@ -286,6 +319,7 @@ class SignalFilter {
     for (size_t c = 0; c < 3; ++c) {
       Plane& values = *file_.find(signal.channels[c]);
       values = std::move(*clean.find(layer::beauty.channel(c)));
+      scale(values, 1 / lift_);
       if (type_of(info_, signal.channels[c]) == "half" && signal.name != kRest) round_to_half(values);
     }
     result_.cleaned.push_back(signal.name);
@@ -294,6 +328,8 @@ class SignalFilter {
     for (const char* key : {"filter", "filterParameters", "filterBackground", "filterExposure", "filterSource",
                             "filterFrames", "filterFeatures", "filterOutliers"})
       if (const auto it = clean.header.find(key); it != clean.header.end()) result_.header[key] = it->second;
+    if (const auto it = result_.header.find("filterExposure"); it != result_.header.end())
+      it->second = static_cast<float>(options_.exposure * static_cast<double>(lift_));
   }
 
   /// What was said of several signals is said once, of all of them.
@@ -315,6 +351,7 @@ class SignalFilter {
       if (s.name == signal.name) theirs = s;
     std::vector<std::string> ignored;
     Layers frame = frame_of_signal(*other.picture, theirs, *other.layers, extra_);
+    scale_signal(frame, lift_);
     settle_variance(theirs, frame, ignored, task);
     if (filter_.uses_features()) estimate_features(frame, task);
     return frame;
@@ -328,7 +365,8 @@ class SignalFilter {
   const std::vector<SequenceFrame>& others_;
   CleanPicture& result_;
   std::set<std::string> extra_;
-  const Plane whole_;                                        // luminance of all parts; empty: there are none
+  const float lift_;                                         // factor on all light while it is filtered
+  Plane whole_;                                              // luminance of all parts; empty: there are none
   Layers frame_;                                             // without a signal between two runs
   std::vector<std::string> estimated_;                       // signals without statistics
   std::map<std::string, std::vector<std::string>> said_of_;  // notes, by their text: of which signals

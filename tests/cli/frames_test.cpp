@@ -7,6 +7,7 @@
 #include <ImfPartType.h>
 #include <ImfStandardAttributes.h>
 #include <ImfStringAttribute.h>
+#include <fmt/format.h>
 #include <gtest/gtest.h>
 
 #include <bit>
@@ -170,6 +171,22 @@ TEST_F(Frames, TheExposureIsTheFiltersAndThePictures) {
   EXPECT_EQ(read_exr(out).number("brume.filterExposure"), 2.0);
   denoise("-f bilateral --exposure auto --png " + path("p.png"));
   EXPECT_NEAR(read_exr(out).number("brume.filterExposure").value_or(0), 1 / 3.6, 0.05);
+}
+
+// In whichever unit a renderer counts light.
+TEST_F(Frames, VeryDarkOnesAreCleanedAsBrightOnesAre) {
+  std::vector<Layers> clean;
+  for (const double unit : {1.0, 0x1p-24}) {
+    write({{header_of({":RGB"}, Imf::FLOAT),
+            [&](const std::string& channel, int x, int y) { return unit * noisy(channel, x, y); }}});
+    denoise(fmt::format("--exposure {}", 1 / unit));
+    clean.push_back(read_exr(out));
+    EXPECT_NEAR(*clean.back().number("brume.filterExposure"), 1 / unit, 1e-6 / unit);
+  }
+  for (const char* channel : {"R", "G", "B"})
+    for (int y = 0; y < kHeight; ++y)
+      for (int x = 0; x < kWidth; ++x)
+        ASSERT_NEAR(0x1p24 * clean[1].at(channel)(x, y), clean[0].at(channel)(x, y), 1e-3) << x << " " << y;
 }
 
 TEST_F(Frames, OnlyIndirectPassesWhereThatIsAsked) {
