@@ -14,10 +14,16 @@ namespace {
 
 constexpr double kDepth = 0.5;             // mean optical depth of a ball's radius
 constexpr double kSize = 0.25;             // its largest radius, as a share of the medium's
+constexpr double kLeastShare = 0.01;       // of all light at the ball's rim that the ball brings there, likewise
 constexpr double kLeastScattering = 0.02;  // of a lamp's light along a ball's radius: less is left to flights
 
 double grey(const dvec3& colour) {
   return (colour.x + colour.y + colour.z) / 3;
+}
+
+/// The k-th of n points that are spread evenly over a square.
+dvec2 spread(int k, int n) {
+  return {(k + 0.5) / n, std::fmod(kGoldenRatio * k, 1.0)};
 }
 
 /// Extinction and scattering of all media at a point, grey.
@@ -45,12 +51,18 @@ dvec2 mean_coefficients(std::span<const Medium> media, const dvec3& centre, doub
   constexpr int kPoints = 512;
   dvec2 sum(0);
   for (int k = 0; k < kPoints; ++k) {
-    const dvec2 u((k + 0.5) / kPoints, std::fmod(kGoldenRatio * k, 1.0));
     const double r =
         std::fmod(0.5 + k * 0.7548776662466927, 1.0);  // the plastic number's share: even beside the others
-    sum += coefficients_at(media, centre + radius * r * direction(u));
+    sum += coefficients_at(media, centre + radius * r * direction(spread(k, kPoints)));
   }
   return sum / static_cast<double>(kPoints);
+}
+
+/// About what all lights bring to a point.
+double importance_of_all(const Lights& lights, const dvec3& p) {
+  double all = 0;
+  for (const Light* light : lights.choice().lights()) all += light->importance(p);
+  return all;
 }
 
 }  // namespace
@@ -58,14 +70,14 @@ dvec2 mean_coefficients(std::span<const Medium> media, const dvec3& centre, doub
 std::vector<LitBall> choose_lit_balls(std::span<const Medium> media, const Lights& lights,
                                       std::span<const NearLight> near_lights, std::string_view setting) {
   std::vector<LitBall> balls;
-  if (setting == "off" || lights.points().size() > LightTree::kFew) return balls;
+  if (setting == "off" || lights.choice().lights().size() > LightTree::kFew) return balls;
   double most = 0;
   for (const Medium& m : media) most = std::max(most, m.bounding_sphere().radius);
   for (const PointLight* light : lights.points()) {
     const dvec3 centre = *light->centre();
     const bool near = std::any_of(near_lights.begin(), near_lights.end(),
                                   [&](const NearLight& other) { return other.light == light; });
-    if (near || !(light->importance(centre + dvec3(1, 2, 3)) > 0)) continue;
+    if (near) continue;
     double radius = kSize * most;
     dvec2 mean = mean_coefficients(media, centre, radius);
     if (mean.x * radius > kDepth) {
@@ -73,9 +85,16 @@ std::vector<LitBall> choose_lit_balls(std::span<const Medium> media, const Light
       mean = mean_coefficients(media, centre, radius);
     }
     if (!(mean.y * radius > kLeastScattering)) continue;
-    const dvec3 off(0.57735026918962576 * radius);
-    balls.push_back(
-        {light, centre, radius, mean.x, mean.y * radius * light->importance(centre + off) * radius * radius});
+    // On the rim, from the lamp and from all lights.
+    double from_lamp = 0, from_all = 0;
+    constexpr int kDirections = 64;
+    for (int k = 0; k < kDirections; ++k) {
+      const dvec3 p = centre + radius * direction(spread(k, kDirections));
+      from_lamp += light->importance(p) / kDirections;
+      from_all += importance_of_all(lights, p) / kDirections;
+    }
+    const LitBall ball{light, centre, radius, mean.x, mean.y * radius * from_lamp * radius * radius};
+    if (ball.importance(centre + dvec3(radius, 0, 0)) > kLeastShare * from_all) balls.push_back(ball);
   }
   return balls;
 }
@@ -85,14 +104,12 @@ BallSamples::BallSamples(const PathContext& context, PathStates& paths, WorldPat
   drawn_.clear();
 }
 
-double BallSamples::total_importance(const dvec3& vertex) const {
-  double total = 0;
-  for (const LitBall& ball : c_.plan.lit_balls) total += ball.importance(vertex);
-  return total;
-}
-
-double BallSamples::chance(const LitBall& ball, const dvec3& vertex) const {
-  return ball.importance(vertex) / total_importance(vertex);
+BallSamples::Chances BallSamples::chances(const dvec3& vertex) const {
+  Chances of;
+  for (const LitBall& ball : c_.plan.lit_balls) of.total += ball.importance(vertex);
+  const double all = importance_of_all(*c_.lights, vertex);
+  if (of.total < all) of.any = of.total / all;
+  return of;
 }
 
 void BallSamples::leave(size_t i) {
@@ -113,7 +130,8 @@ double BallSamples::share_of_flights(size_t i, const Light* light, const dvec3& 
     const dvec3 from_lamp = p - ball.centre, back = p - came_[i].from;
     const double density = ball.density(glm::dot(from_lamp, from_lamp));
     if (!(density > 0)) return 1;
-    return balance(came_[i].pdf, chance(ball, came_[i].from) * density * glm::dot(back, back) / ball.sigma_t);
+    return balance(came_[i].pdf,
+                   chances(came_[i].from).of(ball, came_[i].from) * density * glm::dot(back, back) / ball.sigma_t);
   }
   return 1;
 }
@@ -122,7 +140,9 @@ bool BallSamples::draw_point(size_t i, const dvec3& vertex, uint32_t events, Poi
   if (events + 1 > static_cast<uint32_t>(c_.max_events)) return false;
   PathGenerator numbers(p_, i);
   const std::vector<LitBall>& balls = c_.plan.lit_balls;
-  double left = numbers.uniform() * total_importance(vertex);
+  const Chances chances = this->chances(vertex);
+  double left = numbers.uniform() * chances.total / chances.any;
+  if (left >= chances.total) return false;
   size_t k = 0;
   for (; k + 1 < balls.size(); ++k) {
     const double importance = balls[k].importance(vertex);
@@ -130,7 +150,7 @@ bool BallSamples::draw_point(size_t i, const dvec3& vertex, uint32_t events, Poi
     left -= importance;
   }
   point.ball = &balls[k];
-  point.chance = chance(balls[k], vertex);
+  point.chance = chances.of(balls[k], vertex);
   const dvec2 u = numbers.pair();
   const double r = balls[k].radius * numbers.uniform();
   point.p = balls[k].centre + r * direction(u);

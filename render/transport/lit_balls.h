@@ -94,8 +94,12 @@ class BallSamples {
   };
   bool draw_point(size_t slot, const dvec3& vertex, uint32_t events, Point& point);
   void add(size_t slot, const Scattering& scattering, const Point& point);
-  double chance(const LitBall& ball, const dvec3& vertex) const;
-  double total_importance(const dvec3& vertex) const;
+  /// How likely a vertex draws a point at all, and of which ball.
+  struct Chances {
+    double total = 0, any = 1;  // importance of all balls
+    double of(const LitBall& ball, const dvec3& vertex) const { return any * ball.importance(vertex) / total; }
+  };
+  Chances chances(const dvec3& vertex) const;
   void pass(std::array<Leg, kPool>& legs, bool from_lamp);
 
   const PathContext& c_;
