@@ -12,7 +12,7 @@ namespace {
 
 // Vertices of a path at which groups are sampled: in dense clouds, where paths are long, more would cost more than they
 // are worth.
-constexpr uint32_t kVertices = 2;
+constexpr uint32_t kVertices = 4;
 // Of more lights the probability of each is not asked for at every vertex.
 constexpr size_t kMostLights = 32;
 

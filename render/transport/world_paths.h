@@ -62,7 +62,7 @@ struct WorldPaths {
   std::vector<GroupLight> group_light;
   std::array<size_t, kPool> sampled_group;  ///< of the light sample
   std::array<const Light*, kPool> sampled_light;
-  std::array<PathRecord*, kPool> record;    ///< to be filled; null where none is wanted
+  std::array<PathRecord*, kPool> record;  ///< to be filled; null where none is wanted
 
   /// A path's ray from its last vertex on, which lies `past.passed` before it.
   Ray from_vertex(size_t slot) const { return {ray[slot].o - past[slot].passed * ray[slot].d, ray[slot].d}; }
