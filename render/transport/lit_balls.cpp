@@ -12,10 +12,11 @@
 namespace brume {
 namespace {
 
-constexpr double kDepth = 0.5;             // mean optical depth of a ball's radius
-constexpr double kSize = 0.25;             // its largest radius, as a share of the medium's
-constexpr double kLeastShare = 0.01;       // of all light at the ball's rim that the ball brings there, likewise
-constexpr double kLeastScattering = 0.02;  // of a lamp's light along a ball's radius: less is left to flights
+constexpr double kDepth = 0.5;  // mean optical depth of a ball's radius
+constexpr double kSize = 0.25;  // its largest radius, as a share of the medium's
+// Lamps are left to flights where the smoke along a ball's radius scatters a smaller share of their light, and where
+// that is a smaller share of all light at the ball's rim.
+constexpr double kLeastScattering = 0.02, kLeastShare = 0.01;
 
 double grey(const dvec3& colour) {
   return (colour.x + colour.y + colour.z) / 3;
@@ -49,10 +50,10 @@ dvec3 direction(const dvec2& u) {
 /// Mean coefficients along the radii of a ball.
 dvec2 mean_coefficients(std::span<const Medium> media, const dvec3& centre, double radius) {
   constexpr int kPoints = 512;
+  constexpr double kPlastic = 0.7548776662466927;  // 1 / the plastic number: even beside multiples of the golden ratio
   dvec2 sum(0);
   for (int k = 0; k < kPoints; ++k) {
-    const double r =
-        std::fmod(0.5 + k * 0.7548776662466927, 1.0);  // the plastic number's share: even beside the others
+    const double r = std::fmod(0.5 + k * kPlastic, 1.0);
     sum += coefficients_at(media, centre + radius * r * direction(spread(k, kPoints)));
   }
   return sum / static_cast<double>(kPoints);
