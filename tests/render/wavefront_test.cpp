@@ -25,6 +25,13 @@ namespace {
 
 using test::demo;
 
+/// Every layer that paths record, and none of those that guides compute.
+LayerRequest every_recorded_layer() {
+  LayerRequest layers = LayerRequest::of({"all"}, true);
+  layers.guides = false;
+  return layers;
+}
+
 /// Holds the light of a scene to the definition of the estimator. @param bias  of the picture that must be found
 testing::AssertionResult agrees(const Scene& scene, int spp, double bias = 0.08) {
   const test::Agreement a = test::agreement(scene, spp, 1);
@@ -82,9 +89,7 @@ TEST(Wavefront, PathsInTheWorldHaveTheSameBitsEverywhere) {
   std::set<std::string> kinds;
   for (const uint64_t seed : {45, 65, 68, 2, 121, 135}) {
     const test::RandomScene random = test::random_scene(seed, folder.path(), 4);
-    LayerRequest layers = LayerRequest::of({"all"}, true);
-    layers.guides = false;
-    const PreparedScene prepared(random.scene, layers);
+    const PreparedScene prepared(random.scene, every_recorded_layer());
     ASSERT_FALSE(prepared.plan().one_grid) << seed;
     kinds.insert(random.kinds.begin(), random.kinds.end());
     const Layers best = prepared.render(4, 1, {}).layers;
@@ -118,7 +123,7 @@ TEST(Wavefront, FlightsInDoublePrecisionAgree) {
     }
     const auto render = [&](const char* majorants, int64_t seed) {
       scene.render.majorants = majorants;
-      const PreparedScene prepared(scene, LayerRequest::of({"all"}, true));
+      const PreparedScene prepared(scene, every_recorded_layer());
       EXPECT_EQ(prepared.plan().one_grid, std::string(majorants) == "cells");
       return prepared.render(64, seed, {}).layers;
     };
@@ -271,7 +276,7 @@ TEST(Wavefront, RecordedLayersChangeNoBitOfThePicture) {
     Scene scene = demo("smoke", 40);
     scene.volumes[0].sigma_t = dvec3(sigma_t);
     const Layers bare = PreparedScene(scene, LayerRequest{{}, false}).render(4, 1, {}).layers;
-    const Layers all = PreparedScene(scene, LayerRequest::of({"all"}, true)).render(4, 1, {}).layers;
+    const Layers all = PreparedScene(scene, every_recorded_layer()).render(4, 1, {}).layers;
     for (const char* channel : {"R", "G", "B", "A"})
       for (int y = 0; y < 40; ++y)
         for (int x = 0; x < 40; ++x)
@@ -287,7 +292,7 @@ TEST(Wavefront, CameraRaysRecordTheSameInDoublePrecision) {
     Scene scene = demo(name, 32);
     const auto render = [&](const char* majorants) {
       scene.render.majorants = majorants;
-      return PreparedScene(scene, LayerRequest::of({"all"}, true)).render(8, 1, {}).layers;
+      return PreparedScene(scene, every_recorded_layer()).render(8, 1, {}).layers;
     };
     const Layers a = render("cells"), b = render("global");
     const auto sum = [&](const std::string& channel, auto&& of) {
@@ -478,7 +483,7 @@ TEST(Wavefront, ForcedFirstCollisionsChangeNoMean) {
     if (c.sigma_t > 0) scene.volumes[0].sigma_t = dvec3(c.sigma_t);
     const auto render = [&](const char* setting, int64_t seed) {
       scene.render.first_collision = setting;
-      const PreparedScene prepared(scene, LayerRequest::of({"all"}, true));
+      const PreparedScene prepared(scene, every_recorded_layer());
       EXPECT_EQ(prepared.plan().first_collision.forced, std::string(setting) == "forced");
       return prepared.render(160, seed, {}).layers;
     };
@@ -515,7 +520,7 @@ TEST(Wavefront, ForcedFirstCollisionsLoseNothing) {
   scene.environment.radiance = dvec3(1);
   scene.render.first_collision = "forced";
   scene.render.roulette_start = scene.render.max_events;
-  const Layers frame = PreparedScene(scene, LayerRequest::of({"all"}, true)).render(16, 1, {}).layers;
+  const Layers frame = PreparedScene(scene, every_recorded_layer()).render(16, 1, {}).layers;
   const Plane& beauty = frame.at("R");
   int checked = 0;
   for (int y = 0; y < 24; ++y)
