@@ -110,7 +110,6 @@ Plan make_plan(const Scene& scene, const SceneMedia& media, const Lights& lights
     plan.first_collision = choose_first_collision(all[0], rays, scene.render.first_collision);
   if (plan.seen_emission && !plan.layers.records)
     plan.first_collision.paths = choose_paths(all, fields, rays, plan.first_collision.forced);
-  if (getenv("SPLITS") && plan.first_collision.paths > 1) plan.first_collision.paths = atoi(getenv("SPLITS"));
   return plan;
 }
 
