@@ -7,6 +7,7 @@
 #include <cmath>
 #include <cstddef>
 #include <functional>
+#include <string>
 #include <utility>
 #include <vector>
 
@@ -16,6 +17,7 @@
 #include "render/world/camera.h"
 #include "tests/support/files.h"
 #include "tests/support/reference_frame.h"
+#include "tests/support/targets.h"
 #include "tests/support/volumes.h"
 
 namespace brume {
@@ -79,7 +81,7 @@ std::vector<std::pair<const char*, Scene>> scenes() {
            })}};
 }
 
-// 5.5 standard errors of the difference: biases of 3 % of the beauty, of 10 % of light scattered once would be found.
+// 5.5 standard errors of the difference: biases of 3 % of the beauty, of 12 % of light scattered once would be found.
 TEST(CameraSplits, HaveTheMeansOfOnePathInEveryLayer) {
   for (const auto& [name, scene] : scenes()) {
     LayerRequest layers = LayerRequest::of({"all"}, true);
@@ -96,7 +98,7 @@ TEST(CameraSplits, HaveTheMeansOfOnePathInEveryLayer) {
     const auto error = [&](size_t k) { return std::sqrt(one[k].variance + four[k].variance) / one[k].value; };
     constexpr size_t kSingle = offsetof(PathSample, single) / sizeof(double);
     EXPECT_LT(5.5 * error(0), 0.03) << name << ": beauty";
-    EXPECT_LT(5.5 * error(kSingle), 0.1) << name << ": what is scattered once";
+    EXPECT_LT(5.5 * error(kSingle), 0.12) << name << ": what is scattered once";
     // Of half as many camera rays. What is left of one path's spread is that of the pixels' areas.
     EXPECT_LT(four[kSingle].variance, 1.5 * one[kSingle].variance) << name;
   }
@@ -113,6 +115,17 @@ TEST(CameraSplits, ArePlannedWhereCameraRaysSeeFire) {
   EXPECT_EQ(paths(demo("fire", kSize), true), 1);
   EXPECT_EQ(paths(demo("smoke", kSize), false), 1);
   EXPECT_EQ(paths(demo("cloud", kSize), false), 1);
+}
+
+TEST(CameraSplits, HaveTheSameBitsForAllThreadsAndInstructionSets) {
+  for (const auto& [name, scene] : {scenes()[0], scenes()[1]}) {
+    const PreparedScene prepared(scene, LayerRequest::of({"direct", "indirect", "albedo"}, true));
+    ASSERT_GT(prepared.plan().first_collision.paths, 1) << name;
+    const Layers best = prepared.render(4, 1, {}).layers;
+    test::expect_same_bits(best, prepared.render(4, 1, {1, {}, nullptr}).layers, "one thread");
+    test::on_every_target(
+        [&](const std::string& target) { test::expect_same_bits(best, prepared.render(4, 1, {}).layers, target); });
+  }
 }
 
 // The variance that a frame states is that of its pixels from seed to seed, where all camera rays are the same one. A
