@@ -30,7 +30,7 @@ bool FlightEmission::may_meet(const Ray& ray) const {
 void FlightEmission::see(const SlotList& slots, const MediaFlights& flights) {
   b_.camera.clear();
   for (const size_t i : slots)
-    if (p_.events[i] == 0) b_.camera.push(i);
+    if (p_.events[i] == 0 && !b_.again[i]) b_.camera.push(i);
   if (b_.camera.count > 0)
     for (const LaneEmission& field : in_lanes_) see(field, flights);
 }
@@ -87,11 +87,10 @@ void FlightEmission::add(std::initializer_list<const SlotList*> slots) {
 /// Adds light that is emitted along the flight of a path.
 void FlightEmission::add(size_t i, size_t field, const vec3& emitted) {
   const vec3 L = p_.throughput[i] * emitted;
-  w_.add_to_group(i, c_.lights->group_of_emission(field), L, is_direct(p_.events[i]));
-  if (p_.events[i] == 0)
-    b_.seen[i] += L;
-  else
-    deposit(p_, w_, i, L, p_.events[i]);
+  if (p_.events[i] > 0) return deposit(p_, w_, i, L, p_.events[i], c_.lights->group_of_emission(field));
+  b_.seen[i] += L;
+  // Groups keep sums over the ray's paths.
+  w_.add_to_group(i, c_.lights->group_of_emission(field), b_.paths[i] * L, /*direct=*/true);
 }
 
 /// How many times denser light samples of a path's last vertex are than directions, per density of the light and

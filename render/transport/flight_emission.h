@@ -16,7 +16,9 @@ namespace brume {
 class FlightEmission {
  public:
   struct Buffers {
-    std::array<vec3, kPool> seen;  ///< along camera rays
+    std::array<vec3, kPool> seen;    ///< along camera rays
+    std::array<float, kPool> paths;  ///< that go on from a camera ray
+    std::array<bool, kPool> again;   ///< of paths on a camera ray that one before them has seen
     EmissionSegments segments;
     std::vector<std::unique_ptr<DimmedSegments>> dimmed;  ///< for each medium; where Plan::seen_emission
     SlotList camera, in_medium;
@@ -31,7 +33,14 @@ class FlightEmission {
 
   /// Whether a camera ray passes through a field.
   bool may_meet(const Ray& ray) const;
-  void start(size_t slot) { b_.seen[slot] = vec3(0); }
+  /// @param paths  that will go on from the slot's camera ray, one after the other
+  void start(size_t slot, int paths) {
+    b_.seen[slot] = vec3(0);
+    b_.paths[slot] = static_cast<float>(paths);
+    b_.again[slot] = false;
+  }
+  /// Of another path that goes on from the slot's camera ray, whose emission has been seen.
+  void start_again(size_t slot) { b_.again[slot] = true; }
   /// Where Plan::seen_emission: adds what the camera rays of the slots see up to WorldPaths::end.
   void see(const SlotList& slots, const MediaFlights& flights);
   /// Adds what is emitted along the flights of the slots; of camera rays only what see() does not.

@@ -103,11 +103,13 @@ Plan make_plan(const Scene& scene, const SceneMedia& media, const Lights& lights
       std::find(plan.media.begin(), plan.media.end(), Precision::kDouble) == plan.media.end() &&
       std::none_of(all.begin(), all.end(), [](const Medium& m) { return m.falls_off() || m.detail(); }) &&
       std::all_of(fields.begin(), fields.end(), LaneEmission::fits);
-  if (plan.one_grid && (!plan.emission || plan.seen_emission)) {  // else emission is integrated along free flights
-    std::vector<Ray> rays;
+  std::vector<Ray> rays;
+  if (plan.one_grid || plan.seen_emission)
     for (const PathRequest& r : coarse_requests(scene, plan, camera, 24, 1)) rays.push_back(r.ray);
+  if (plan.one_grid && (!plan.emission || plan.seen_emission))  // else emission is integrated along free flights
     plan.first_collision = choose_first_collision(all[0], rays, scene.render.first_collision);
-  }
+  if (plan.seen_emission && !plan.layers.records)
+    plan.first_collision.paths = choose_paths(all, fields, rays, plan.first_collision.forced);
   return plan;
 }
 

@@ -9,6 +9,7 @@
 #include <vector>
 
 #include "render/transport/camera_rays.h"
+#include "render/transport/camera_splits.h"
 #include "render/transport/estimator.h"
 #include "render/transport/flight_emission.h"
 #include "render/transport/group_lights.h"
@@ -35,6 +36,7 @@ struct Pool {
   SlotList passed;                  // a light, and go on behind it
   SlotList held;                    // out: camera rays that a holdout volume ends
   SlotList emission_only;           // camera rays that miss the one grid, but not what emits
+  SlotList again, resumed;          // camera rays from which another path has to go on; those of the round before
   std::vector<PathSample> samples;  // of the paths, where layers are recorded that PathStates has not
   CameraRays::Buffers camera_rays;
   std::unique_ptr<FlightEmission::Buffers> emission;  // where something emits
@@ -73,11 +75,13 @@ class Wavefront {
     if (c_.surfaces) surfaces_.emplace(c_, p_, w_, pool_.samples, counters_);
     if (GroupLights::wanted(c_))
       group_lights_.emplace(c_, p_, w_, flights_, surfaces_ ? &*surfaces_ : nullptr, balls_.get());
+    if (c_.plan.first_collision.paths > 1) splits_ = std::make_unique<CameraSplits>(keeps_samples());
     if (c_.plan.layers.records) recorder_.emplace(c_, p_, w_);
   }
 
   void run() {
     pool_.active.clear();
+    pool_.again.clear();
     const size_t size = surfaces_ ? kPoolAtSurfaces : kPool;
     free_.resize(size);
     for (size_t i = 0; i < size; ++i) free_[i] = size - 1 - i;
@@ -88,7 +92,7 @@ class Wavefront {
                              &pool_.held, &pool_.emission_only})
         list->clear();
       start_paths();
-      if (pool_.active.count + pool_.hits.count + pool_.emission_only.count == 0) break;
+      if (pool_.active.count + pool_.hits.count + pool_.emission_only.count + pool_.again.count == 0) break;
       fly();
       if (emission_ && !c_.plan.chromatic) emission_->add({&pool_.hits, &pool_.met, &pool_.escapes, &pool_.held});
       for (const size_t i : pool_.held) finish(i);
@@ -108,17 +112,24 @@ class Wavefront {
 
   /// Fills the free slots, and records what follows from the camera rays alone.
   void start_paths() {
+    if (pool_.again.count > 0) {
+      pool_.resumed = pool_.again;
+      pool_.again.clear();
+      send(pool_.resumed);
+    }
     SlotList& fresh = pool_.fresh;
     while (!free_.empty() && next_ < requests_.size()) {
       fresh.clear();
       while (!free_.empty() && next_ < requests_.size()) start(next_++);
       camera_rays_.record(fresh);
-      if (c_.plan.first_collision.forced) {
-        fly_first();
-        continue;
-      }
-      for (const size_t i : fresh) pool_.active.push(i);
+      send(fresh);
     }
+  }
+
+  /// Lets paths begin to fly along their camera rays.
+  void send(const SlotList& rays) {
+    if (c_.plan.first_collision.forced) return fly_first(rays);
+    for (const size_t i : rays) pool_.active.push(i);
   }
 
   /// Starts a path in a free slot at the eye.
@@ -133,28 +144,43 @@ class Wavefront {
     }
     free_.pop_back();
     if (!c_.plan.one_grid) {
-      w_.past[i] = {};
       w_.surface[i] = vec3(0);
       w_.record[i] = request.record;
     }
-    p_.d.set(i, vec3(request.ray.d));
-    p_.throughput.set(i, vec3(1));
     p_.direct.set(i, vec3(0));
     p_.indirect.set(i, vec3(0));
     w_.clear_groups(i);
     if (group_lights_) group_lights_->start(i);
-    p_.camera_transmittance[i] = 1.0f;
-    p_.events[i] = 0;
     p_.request[i] = static_cast<uint32_t>(index);
     PathGenerator(p_, i).seed(hash_combine(request.key.pixel_hash(), request.key.sample));
     if (keeps_samples()) pool_.samples[i] = {};
-    if (emission_) emission_->start(i);
-    if (c_.plan.chromatic) {
-      p_.channel_density.set(i, vec3(1));
-      p_.hero[i] = std::min(2, static_cast<int>(3 * PathGenerator(p_, i).uniform()));
-    }
+    const int splits = splits_ && begin.meets && emission_->may_meet(request.ray) ? c_.plan.first_collision.paths : 1;
+    if (splits_) splits_->start(i, splits);
+    if (emission_) emission_->start(i, splits);
+    begin_path(i, request);
     camera_rays_.start(i, begin.surface);
     (begin.meets || !c_.plan.one_grid ? pool_.fresh : pool_.emission_only).push(i);
+  }
+
+  /// Puts a path at the eye into a slot.
+  void begin_path(size_t i, const PathRequest& request) {
+    if (!c_.plan.one_grid) w_.past[i] = {};
+    p_.d.set(i, vec3(request.ray.d));
+    p_.throughput.set(i, vec3(1));
+    p_.camera_transmittance[i] = 1.0f;
+    p_.events[i] = 0;
+    if (!c_.plan.chromatic) return;
+    p_.channel_density.set(i, vec3(1));
+    p_.hero[i] = std::min(2, static_cast<int>(3 * PathGenerator(p_, i).uniform()));
+  }
+
+  /// Lets another path go on from the camera ray of a slot.
+  void begin_again(size_t i) {
+    const PathRequest& request = requests_[p_.request[i]];
+    flights_.start(i, request);
+    begin_path(i, request);
+    emission_->start_again(i);
+    pool_.again.push(i);
   }
 
   /// A path that meets nothing but the background.
@@ -167,10 +193,10 @@ class Wavefront {
   }
 
   /// Forced first collisions of the camera rays: the transmitted share sees the background, the rest goes on as paths.
-  void fly_first() {
-    find_ends(pool_.fresh);
-    see_emission(pool_.fresh);
-    flights_.fly_first_in_grid(pool_.fresh, pool_.hits, pool_.escapes);
+  void fly_first(const SlotList& rays) {
+    find_ends(rays);
+    see_emission(rays);
+    flights_.fly_first_in_grid(rays, pool_.hits, pool_.escapes);
     for (const size_t i : pool_.escapes) escape(i);
     pool_.escapes.clear();
   }
@@ -353,8 +379,20 @@ class Wavefront {
 
   // ---- ends
 
+  /// Roulette of paths that share a camera ray with others: CameraSplits::survival.
+  bool survives_sharing(size_t i) {
+    if (splits_->count(i) == 1 || (!c_.plan.one_grid && w_.medium[i] == WorldPaths::kNoMedium)) return true;
+    const Medium& medium = c_.media[c_.plan.one_grid ? 0 : static_cast<size_t>(w_.medium[i])];
+    const double chance = CameraSplits::survival(p_.events[i], max_component(medium.albedo()));
+    if (chance == 1) return true;
+    if (PathGenerator(p_, i).uniform() >= chance) return false;
+    p_.throughput.set(i, p_.throughput[i] * static_cast<float>(1 / chance));
+    return true;
+  }
+
   /// Goes on with the paths that are alive, and finishes the others.
   void retire() {
+    if (splits_) pool_.alive.keep_if([&](size_t i) { return survives_sharing(i); });
     for (const size_t i : pool_.alive) alive_[i] = true;
     for (const SlotList* ended : {&pool_.hits, &pool_.met})
       for (const size_t i : *ended) {
@@ -446,30 +484,51 @@ class Wavefront {
   }
 
   void finish(size_t i) {
-    const dvec3 throughput(p_.throughput[i]);
+    counters_.longest = std::max<uint64_t>(counters_.longest, p_.events[i]);
+    CameraSplits::End end{.first_on_surface = w_.past_of(i, c_.plan).first_on_surface};
+    if (w_.past_of(i, c_.plan).in_hole)
+      end.hole = dvec3(p_.throughput[i]);
+    else if (c_.plan.first_collision.forced || p_.events[i] == 0)
+      end.background = c_.plan.chromatic ? dvec3(p_.throughput[i]) : dvec3(p_.camera_transmittance[i]);
+    if (splits_ && splits_->end(i, end, p_.indirect[i], keeps_samples() ? &pool_.samples[i] : nullptr)) {
+      begin_again(i);
+      return;
+    }
+    deliver_path(i, end);
+    free_.push_back(i);
+  }
+
+  /// The sample of a camera ray whose paths have all ended. @param end  of the last one
+  void deliver_path(size_t i, const CameraSplits::End& end) {
     PathSample s;
-    if (keeps_samples()) s = pool_.samples[i];
+    dvec3 background = end.background, hole = end.hole;
+    double share = 1;
+    const bool first_on_surface = w_.past_of(i, c_.plan).first_on_surface;
+    if (splits_) {
+      s = splits_->sample(i);
+      background = splits_->background(i);
+      hole = splits_->hole(i);
+      share = splits_->share(i);
+    } else if (keeps_samples()) {
+      s = pool_.samples[i];
+    }
     for (size_t g = 0; g < found_.size(); ++g) {
       const WorldPaths::GroupLight& light = w_.group_light[i * w_.groups + g];
-      found_[g] = {dvec3(light.direct), dvec3(light.indirect)};
+      found_[g] = {share * dvec3(light.direct), share * dvec3(light.indirect)};
       if (!group_lights_) continue;
       const WorldPaths::GroupLight& more = group_lights_->apart(i, g);
-      aimed_[g] = {dvec3(more.direct), dvec3(more.indirect)};
+      aimed_[g] = {share * dvec3(more.direct), share * dvec3(more.indirect)};
     }
-    if (!c_.plan.one_grid) s.surface = dvec3(w_.surface[i]);
-    if (w_.past_of(i, c_.plan).in_hole)
-      s.transmittance = throughput;  // nothing is there, and alpha says so
-    else if (c_.plan.first_collision.forced || p_.events[i] == 0)
-      see_background(requests_[p_.request[i]].ray, c_.plan.chromatic ? throughput : dvec3(p_.camera_transmittance[i]),
-                     s,
-                     /*alone=*/false);
+    if (!c_.plan.one_grid) s.surface = share * dvec3(w_.surface[i]);
+    if (background != dvec3(0)) see_background(requests_[p_.request[i]].ray, background, s, /*alone=*/false);
+    s.transmittance += hole;  // nothing is there, and alpha says so
     camera_rays_.write(i, s);
     if (emission_) s.emission = dvec3(emission_->seen(i));
-    s.single = dvec3(p_.direct[i]);
-    s.indirect = dvec3(p_.indirect[i]);
-    deliver(p_.request[i], s, w_.past_of(i, c_.plan).first_on_surface);
-    counters_.longest = std::max<uint64_t>(counters_.longest, p_.events[i]);
-    free_.push_back(i);
+    s.single = share * dvec3(p_.direct[i]);
+    s.indirect = share * dvec3(p_.indirect[i]);
+    s.surface_indirect = splits_ ? splits_->surface_indirect(i) : first_on_surface ? s.indirect : dvec3(0);
+    s.volume_indirect = s.indirect - s.surface_indirect;
+    deliver(p_.request[i], s, first_on_surface);
   }
 
   void deliver(size_t request, PathSample& s, bool surface_first) {
@@ -485,7 +544,8 @@ class Wavefront {
           glm::max(direct + aimed_[g].direct, 0.0) + glm::max(indirect + limited * aimed_[g].indirect, 0.0);
     }
     s.groups = group_values_.data();
-    (surface_first ? s.surface_indirect : s.volume_indirect) = s.indirect;
+    s.volume_indirect *= limited;
+    s.surface_indirect *= limited;
     s.beauty = s.direct + s.indirect;
     const dvec3& left = s.transmittance;
     s.transmitted = c_.plan.chromatic ? (left.x + left.y + left.z) / 3 : left.x;
@@ -504,6 +564,7 @@ class Wavefront {
   MediaFlights flights_;
   CameraRays camera_rays_;
   std::optional<FlightEmission> emission_;
+  std::unique_ptr<CameraSplits> splits_;
   std::optional<NearFlights> near_flights_;
   std::unique_ptr<BallSamples> balls_;
   std::optional<SurfaceEvents> surfaces_;
