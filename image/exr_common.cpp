@@ -21,6 +21,7 @@
 #include <stdexcept>
 
 #include "base/error.h"
+#include "base/file_kind.h"
 #include "base/parallel_for.h"
 
 namespace brume {
@@ -37,6 +38,16 @@ bool is_structural(const std::string& name) {
   return std::any_of(std::begin(names), std::end(names), [&](const char* n) { return name == n; });
 }
 
+/// Refuses what was packed by a method that this OpenEXR does not know. @param method  as the header has it
+void check_compression(const fs::path& path, int method) {
+  if (method < Imf::NUM_COMPRESSION_METHODS) return;
+  throw InputError(
+      fmt::format("{}: is packed by {}, which OpenEXR {} does not read; write it as ZIP or PIZ, as oiiotool "
+                  "IN.exr --compression zip -o OUT.exr of a newer OpenEXR does",
+                  path.string(), method == 10 || method == 11 ? "HTJ2K" : fmt::format("the unknown method {}", method),
+                  OPENEXR_VERSION_STRING));
+}
+
 /// Refuses channel lists that are not in the order of their names, as the format wants them. OpenEXR sorts what it
 /// reads and takes the pixels in that order: a damaged name would give one channel's values to another.
 void check_channel_order(const fs::path& path) {
@@ -51,7 +62,7 @@ void check_channel_order(const fs::path& path) {
     file.read(reinterpret_cast<char*>(&size), sizeof size);
     bytes.clear();
     if (!file || size < 0) return false;
-    if (name != "channels") {
+    if (name != "channels" && name != "compression") {
       file.seekg(size, std::ios::cur);
     } else {
       bytes.resize(std::min(static_cast<uintmax_t>(size), fs::file_size(path)));
@@ -65,6 +76,8 @@ void check_channel_order(const fs::path& path) {
     last = true;
     while (attribute(name, bytes)) {
       last = false;
+      if (name == "compression" && !bytes.empty()) check_compression(path, static_cast<uint8_t>(bytes[0]));
+      if (name != "channels") continue;
       std::string before;
       for (size_t at = 0; at < bytes.size() && bytes[at] != '\0';) {
         const std::string channel = bytes.c_str() + at;
@@ -79,16 +92,37 @@ void check_channel_order(const fs::path& path) {
   }
 }
 
+/// Refuses other kinds of files with what to do instead.
+void check_kind(const fs::path& path) {
+  const KnownFile file = known_file(path);
+  std::string advice;
+  switch (file.kind) {
+    case FileKind::kDisplay:
+      advice =
+          "its values are encoded and cut off for a display, so that the mean of noisy pixels is not the clean one; let "
+          "the renderer write EXR. If this is all there is: oiiotool {} --colorconvert sRGB linear -d float -o IN.exr";
+      break;
+    case FileKind::kPicture:
+      advice =
+          "oiiotool {} -d float -o IN.exr makes one, with --colorconvert sRGB linear where it was encoded for a display";
+      break;
+    case FileKind::kOpenVdb:
+    case FileKind::kNanoVdb:
+      advice = "brume render {} --clean -o OUT.exr makes a picture of it";
+      break;
+    default:
+      return;
+  }
+  throw InputError(fmt::format("{}: is {}, expected OpenEXR; {}", path.string(), file.what,
+                               fmt::format(fmt::runtime(advice), path.filename().string())));
+}
+
 }  // namespace
 
 Imf::MultiPartInputFile open_exr(const fs::path& path) {
   constexpr int kLongestSide = 1 << 16;  // pixels; no header makes us reserve more
-  std::error_code ignored;
-  if (!fs::exists(path, ignored)) throw InputError(fmt::format("{}: no such file", path.string()));
-  if (fs::is_directory(path, ignored))
-    throw InputError(fmt::format("{}: is a folder, expected an OpenEXR file", path.string()));
-  if (fs::is_regular_file(path, ignored) && fs::file_size(path, ignored) == 0)
-    throw InputError(fmt::format("{}: is empty, 0 bytes; expected an OpenEXR file", path.string()));
+  check_readable(path, "an OpenEXR file");
+  check_kind(path);
   try {
     Imf::Header::setMaxImageSize(kLongestSide, kLongestSide);
     check_channel_order(path);

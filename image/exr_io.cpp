@@ -31,6 +31,7 @@
 #include "base/parallel_for.h"
 #include "image/checksum.h"
 #include "image/exr_common.h"
+#include "image/exr_stand_in.h"
 #include "image/exr_zip.h"
 #include "image/luminance_chroma.h"
 
@@ -157,12 +158,18 @@ bool ExrInfo::deep() const {
 }
 
 struct ExrFile::Open {
+  explicit Open(const fs::path& path) : stand_in(path), file(open_exr(stand_in.exr())) {}
+  ExrStandIn stand_in;
   Imf::MultiPartInputFile file;
 };
 
-ExrFile::ExrFile(const fs::path& path) : path_(path), open_(new Open{open_exr(path)}) {}
+ExrFile::ExrFile(const fs::path& path) : path_(path), open_(new Open(path)) {}
 ExrFile::~ExrFile() = default;
 ExrFile::ExrFile(ExrFile&&) noexcept = default;
+
+const fs::path& ExrFile::exr() const {
+  return open_->stand_in.exr();
+}
 
 const ExrInfo& ExrFile::info() const try {
   if (info_) return *info_;

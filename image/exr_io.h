@@ -38,7 +38,8 @@ struct ExrInfo {
   bool deep() const;
 };
 
-/// An EXR that is open: what it holds is looked up once, its pixels are read when they are asked for.
+/// An EXR that is open: what it holds is looked up once, its pixels are read when they are asked for. Radiance HDR
+/// pictures and portable float maps are read as EXRs of R G B, or Y.
 class ExrFile {
  public:
   /// @throws InputError: missing, not an EXR
@@ -47,6 +48,8 @@ class ExrFile {
   ExrFile(ExrFile&&) noexcept;
 
   const std::filesystem::path& path() const { return path_; }
+  /// The EXR that is read: the file, or what stands in for one of another format (exr_stand_in.h).
+  const std::filesystem::path& exr() const;
   /// @throws InputError: truncated
   const ExrInfo& info() const;
   /// As read_exr().

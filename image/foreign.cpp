@@ -52,12 +52,20 @@ float variance_of_mean(VarianceMeaning meaning, float value, float mean, double 
   }
 }
 
-dmat3 rgb_from_xyz() {
+dmat3 matrix_to_xyz() {
   static constexpr double kWhite[] = {0.95047, 1.0, 1.08883};
   dmat3 m;
   for (int row = 0; row < 3; ++row)
     for (int column = 0; column < 3; ++column) m[column][row] = LabMatrices::xyz_from_rgb[row][column] * kWhite[row];
-  return glm::inverse(m);
+  return m;
+}
+
+void multiply(const dmat3& matrix, const std::array<Plane*, 3>& planes) {
+  for (int y = 0; y < planes[0]->height(); ++y)
+    for (int x = 0; x < planes[0]->width(); ++x) {
+      const dvec3 v = matrix * dvec3((*planes[0])(x, y), (*planes[1])(x, y), (*planes[2])(x, y));
+      for (int c = 0; c < 3; ++c) (*planes[static_cast<size_t>(c)])(x, y) = static_cast<float>(v[c]);
+    }
 }
 
 /// @param means  of the layer, one for each of its channels   @return why it could not be used; empty where it could
@@ -77,7 +85,7 @@ std::string adopt_variance(const ForeignFrame& picture, const ForeignVariance& v
     values.push_back(&file.at(variance.channels[c]));
     means.push_back(variance.xyz ? &file.at((*variance.xyz)[c]) : &frame.at(layer.channel(c)));
   }
-  const dmat3 to_rgb = rgb_from_xyz();
+  const dmat3 to_rgb = glm::inverse(matrix_to_xyz());
   for (int y = 0; y < frame.height(); ++y)
     for (int x = 0; x < frame.width(); ++x) {
       const double n = needs_count ? counts.at(x, y) : 0;
@@ -96,6 +104,14 @@ std::string adopt_variance(const ForeignFrame& picture, const ForeignVariance& v
 }
 
 }  // namespace
+
+void rgb_from_xyz(const std::array<Plane*, 3>& planes) {
+  multiply(glm::inverse(matrix_to_xyz()), planes);
+}
+
+void xyz_from_rgb(const std::array<Plane*, 3>& planes) {
+  multiply(matrix_to_xyz(), planes);
+}
 
 std::vector<std::string> ForeignFrame::channels() const {
   std::vector<std::string> names;
@@ -170,10 +186,12 @@ std::string channels_text(const ExrInfo& file) {
   std::map<std::string, std::string> letters;  // by layer
   for (const ExrInfo::Channel& c : file.channels) {
     const size_t dot = c.name.rfind('.');
-    const std::string layer = dot == std::string::npos ? "" : c.name.substr(0, dot);
+    // Of a name that begins or ends with a dot, the dot is shown.
+    const bool whole = dot == std::string::npos || dot == 0 || dot + 1 == c.name.size();
+    const std::string layer = whole ? "" : c.name.substr(0, dot);
     std::string& list = letters[layer];
     if (list.empty()) order.push_back(layer);
-    list += (list.empty() ? "" : " ") + c.name.substr(dot == std::string::npos ? 0 : dot + 1);
+    list += (list.empty() ? "" : " ") + c.name.substr(whole ? 0 : dot + 1);
   }
   std::vector<std::string> words;
   for (const std::string& layer : order) {
@@ -217,6 +235,9 @@ std::string adopt_foreign_layers(Layers& layers, const ExrInfo* file) {
     }
     layers.set(layer::beauty.channel(c), beauty);
   }
+  if (picture.cie_xyz)
+    rgb_from_xyz({layers.find(layer::beauty.channel(0)), layers.find(layer::beauty.channel(1)),
+                  layers.find(layer::beauty.channel(2))});
   if (!picture.alpha.empty() && layers.find(picture.alpha))
     layers.set(layer::alpha.channel(0), layers.at(picture.alpha));
   const std::string said = fmt::format("read as {}: {}{}", picture.label(), picture.color.name,

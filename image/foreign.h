@@ -53,6 +53,7 @@ struct ForeignFeature {
 struct ForeignFrame {
   std::string renderer;  ///< "Blender Cycles multilayer"
   bool of_brume = false;
+  bool cie_xyz = false;       ///< its channels are CIE XYZ: they are cleaned as red, green and blue (rgb_from_xyz)
   std::string view = {};      ///< its view layer, part or eye; may be empty
   bool one_of_views = false;  ///< another eye's layers may lie in the file, too
   ForeignSignal color = {};   ///< what is read
@@ -86,6 +87,10 @@ bool is_brume_frame(const ExrInfo& file);
 /// Arnold, and otherwise colour with whatever has a common name, in each view (exr_views.h). Empty where no colour is
 /// found.
 std::vector<ForeignFrame> recognise(const ExrInfo& file);
+
+/// Makes linear Rec. 709 of the planes of CIE XYZ, white staying as bright and of its colour, and back.
+void rgb_from_xyz(const std::array<Plane*, 3>& planes);
+void xyz_from_rgb(const std::array<Plane*, 3>& planes);
 
 /// Gives a frame the signal as its beauty, with variance of the mean and halves where the file has them.
 

@@ -48,6 +48,9 @@ class MapTable {
         fail_at(fmt::format("'{}' is no layer", key), v, "expected a layer's name, or three channels' in brackets");
       ChannelTriple channels;
       for (size_t c = 0; c < 3; ++c) channels[c] = channel_named(v.as_array()[c]);
+      const size_t different = std::set<std::string>(channels.begin(), channels.end()).size();
+      if (different == 2)
+        fail_at(fmt::format("'{}' names a channel twice", key), v, "expected three channels, or one three times: grey");
       return channels;
     }
     if (!v.is_string())

@@ -40,6 +40,19 @@ std::string name_in_map(const ChannelTriple& channels) {
   return fmt::format("\"{}\"", dot == std::string::npos ? "" : channels[0].substr(0, dot));
 }
 
+/// What a map could say of a file in which nothing is known: a layer of colours, or a channel as a grey picture.
+std::string example_for_map(const ExrInfo& info) {
+  const auto has = [&](const std::string& name) {
+    return std::any_of(info.channels.begin(), info.channels.end(), [&](const auto& c) { return c.name == name; });
+  };
+  for (const ExrInfo::Channel& c : info.channels)
+    if (const std::string prefix = c.name.substr(0, c.name.rfind('.') + 1);
+        prefix.size() > 1 && has(prefix + "R") && has(prefix + "G") && has(prefix + "B"))
+      return fmt::format("\"{}\"", prefix.substr(0, prefix.size() - 1));
+  if (info.channels.empty()) return "\"LAYER\"";
+  return fmt::format("[\"{0}\", \"{0}\", \"{0}\"], which is grey,", info.channels.front().name);
+}
+
 /// Where two pictures differ, of which a half one may be the other's rounded; nothing where they do not.
 std::optional<ivec2> first_difference(const Layers& frame, const ChannelTriple& a, const ChannelTriple& b, bool half) {
   for (size_t c = 0; c < 3; ++c) {
@@ -81,6 +94,31 @@ void check_alike(const ExrFile& file, const ForeignFrame& picture) {
   for (const ChannelTriple& other : picture.alike)
     if (const auto at = first_difference(frame, picture.target, other, half))
       fail(other, fmt::format("differ, first at pixel {},{}", at->x, at->y));
+}
+
+std::array<Plane*, 3> planes_of(Layers& frame, const ChannelTriple& channels) {
+  return {frame.find(channels[0]), frame.find(channels[1]), frame.find(channels[2])};
+}
+
+/// Refuses X Y Z that are no CIE XYZ, whose components are not negative but for a filter's rounding. @throws InputError
+void check_xyz(const ExrFile& file, const ForeignFrame& picture) {
+  if (!picture.cie_xyz) return;
+  constexpr double kMost = 0.01;     // of the pixels
+  constexpr float kClearly = 1e-3f;  // below 0, over the largest component
+  const std::set<std::string> wanted(picture.target.begin(), picture.target.end());
+  Layers frame = file.read([&](const std::string& name) { return wanted.contains(name); });
+  const std::array<Plane*, 3> planes = planes_of(frame, picture.target);
+  size_t below = 0;
+  for (int y = 0; y < frame.height(); ++y)
+    for (int x = 0; x < frame.width(); ++x) {
+      const auto [least, most] = std::minmax({(*planes[0])(x, y), (*planes[1])(x, y), (*planes[2])(x, y)});
+      if (least < -kClearly * std::max(std::abs(least), std::abs(most))) ++below;
+    }
+  const double share = static_cast<double>(below) / (static_cast<double>(frame.width()) * frame.height());
+  if (share > kMost)
+    throw InputError(fmt::format(
+        "{}: X Y Z are negative in {:.0f} % of the pixels, as positions and normals are and CIE XYZ is not, and nothing else in it is known to be a picture; it has {}. Say which one to clean in a mapping file: color = \"LAYER\" (--map, docs/frames.md)",
+        file.path().string(), 100 * share, channels_text(file.info())));
 }
 
 /// What its colours and passes cover: features may lie in parts of other sizes.
@@ -189,15 +227,15 @@ Layers KeptFile::read_picture(const FrameFiles& files, const ExrFile& file, cons
                               const std::set<std::string>& extra, bool guides) const {
   std::set<std::string> channels = extra;
   for (const std::string& name : picture.channels()) channels.insert(name);
-  Layers frame = file.read([&](const std::string& name) { return channels.contains(name); });
-  frame = cut_to_light(std::move(frame), picture, file.info());
-  if (!files.second.empty()) {
-    const ExrFile other(files.second);
-    join_second(frame,
-                cut_to_light(other.read([&](const std::string& name) { return channels.contains(name); }), picture,
-                             other.info()),
-                halves_of_signals(picture), {path_, files.second.string()});
-  }
+  const auto read = [&](const ExrFile& from) {
+    Layers frame = from.read([&](const std::string& name) { return channels.contains(name); });
+    frame = cut_to_light(std::move(frame), picture, from.info());
+    if (picture.cie_xyz) rgb_from_xyz(planes_of(frame, picture.target));
+    return frame;
+  };
+  Layers frame = read(file);
+  if (!files.second.empty())
+    join_second(frame, read(ExrFile(files.second)), halves_of_signals(picture), {path_, files.second.string()});
   if (guides) add_guides(files.guides, files.frame, frame);
   return frame;
 }
@@ -270,11 +308,15 @@ void KeptFile::clean(const FilterSettings& filter, const std::vector<FrameFiles>
       throw InputError(fmt::format("{}: {}", path_, error.what()));
     }
     for (const std::string& line : result.notes) host_.note(line);
+    if (first)
+      for (const CleanPicture::Channel& channel : result.channels)
+        for (size_t c = 0; c < 3; ++c)
+          if (channel.name == picture.target[c]) shown->set(layer::beauty.channel(c), channel.values);
+    if (picture.cie_xyz)
+      xyz_from_rgb({&result.channels[0].values, &result.channels[1].values, &result.channels[2].values});
     for (const CleanPicture::Channel& channel : result.channels) {
       edits.push_back(
           {channel.name, &channel.values, window, suffix.empty() ? "" : channel_beside(channel.name, suffix)});
-      for (size_t c = 0; c < 3; ++c)
-        if (first && channel.name == picture.target[c]) shown->set(layer::beauty.channel(c), channel.values);
       for (const ChannelTriple& other : picture.alike)
         for (size_t c = 0; c < 3; ++c)
           if (channel.name == picture.target[c])
@@ -286,7 +328,7 @@ void KeptFile::clean(const FilterSettings& filter, const std::vector<FrameFiles>
     if (!result.sum.empty()) attributes["brume.sum"] = result.sum;
     host_.log(told(picture, filter, result));
   }
-  const ExrCopyReport report = copy_exr(path_, output, edits, attributes, host_.silent());
+  const ExrCopyReport report = copy_exr(file_.exr(), output, edits, attributes, host_.silent());
   for (const std::string& part : report.rounded)
     host_.note(fmt::format("{} is stored as PXR24, which keeps 24 bits of a float: sums are right to those", part));
   for (const std::string& part : report.recoded)
@@ -324,9 +366,12 @@ std::unique_ptr<OpenFrame> open_kept_file(const FrameFiles& files, ExrFile& file
     return nullptr;
   if (pictures.empty())
     throw InputError(fmt::format(
-        "{}: none of its channels is known to be a picture, as R G B or a layer named rgba or beauty would be; it has {}. Say which one to clean in a mapping file: color = \"LAYER\" (--map, docs/frames.md)",
-        path, channels_text(info)));
-  for (const ForeignFrame& picture : pictures) check_alike(file, picture);
+        "{}: none of its channels is known to be a picture, as R G B or a layer named rgba or beauty would be; it has {}. Say which one to clean in a mapping file: color = {} (--map, docs/frames.md)",
+        path, channels_text(info), example_for_map(info)));
+  for (const ForeignFrame& picture : pictures) {
+    check_alike(file, picture);
+    check_xyz(file, picture);
+  }
   return std::make_unique<KeptFile>(files, std::move(file), options, std::move(pictures), host);
 }
 

@@ -9,6 +9,7 @@
 
 #include "apps/cli/command.h"
 #include "base/error.h"
+#include "base/file_kind.h"
 #include "base/text.h"
 #include "image/cryptomatte.h"
 #include "image/exr_deep.h"
@@ -273,11 +274,13 @@ void add_info(CLI::App& app, Common& common, Commands& commands) {
   command("--json", common.json, "as one JSON object");
   commands[command] = [file, &common] {
     const std::string& path = *file;
-    char magic[4] = {};
-    std::ifstream(path, std::ios::binary).read(magic, 4);
-    const bool exr = std::string_view(magic, 4) == std::string_view("\x76\x2f\x31\x01", 4);
-    if (!exr && !is_volume(path) && std::filesystem::is_regular_file(path))
-      throw InputError(fmt::format("{}: is neither an OpenVDB nor an OpenEXR file (by its first bytes)", path));
+    const KnownFile known = known_file(path);
+    const bool exr =
+        known.kind == FileKind::kOpenExr || known.kind == FileKind::kRadiance || known.kind == FileKind::kFloatMap;
+    check_readable(path, "an OpenVDB or OpenEXR file");
+    if (!exr && !is_volume(path))
+      throw InputError(fmt::format("{}: is neither an OpenVDB nor an OpenEXR file (by its first bytes){}", path,
+                                   known.what.empty() ? "" : ": it is " + known.what));
     return exr ? info_exr(path, common.json) : info_vdb(path, common.json);
   };
 }

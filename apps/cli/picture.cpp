@@ -30,12 +30,15 @@ struct Shown {
 Shown show_layer(const Options& o, const Layers& frame) {
   const std::string name = o.layer == "beauty" ? "" : o.layer;
   Shown shown;
-  if (const LayerName colours{name, "RGB", ""}; frame.has(colours)) {
-    shown.rgb = frame.rgb(colours);
-    return shown;
-  }
+  for (const std::string_view letters : {"RGB", "rgb"})
+    if (const LayerName colours{name, letters, ""}; frame.has(colours)) {
+      shown.rgb = frame.rgb(colours);
+      return shown;
+    }
   shown.radiance = false;
-  if (const LayerName vectors{name, "XYZ", ""}; frame.has(vectors)) {
+  for (const std::string_view letters : {"XYZ", "xyz"}) {
+    const LayerName vectors{name, letters, ""};
+    if (!frame.has(vectors)) continue;
     for (size_t c = 0; c < 3; ++c) {
       shown.made[c] = frame.at(vectors.channel(c));
       for (int y = 0; y < frame.height(); ++y)
@@ -49,8 +52,12 @@ Shown show_layer(const Options& o, const Layers& frame) {
       shown.rgb = {plane, plane, plane};
       return shown;
     }
-  throw InputError(fmt::format("{}: has no layer '{}' to show; it has: {} (--layer)", o.input,
-                               name.empty() ? "beauty" : name, join(layer_names(frame))));
+  if (const Plane* plane = frame.find(name)) {  // a channel by its whole name
+    shown.rgb = {plane, plane, plane};
+    return shown;
+  }
+  throw InputError(fmt::format("{}: has no layer '{}' to show; it has: {} (--layer, or a channel by its whole name)",
+                               o.input, name.empty() ? "beauty" : name, join(layer_names(frame))));
 }
 
 int run(const Options& o, const Common& common) {
@@ -79,7 +86,7 @@ void add_picture(CLI::App& app, Common& common, Commands& commands) {
   command("-o,--output", o.output, "PNG to write: what lies inside the display window")->required();
   command(
       "--layer", o.layer,
-      "layer to show, the beauty without it; statistics too: indirect.half_a. Single channels become grey, vectors the magnitudes of their components");
+      "layer to show, the beauty without it; statistics too: indirect.half_a. Single channels, which may be called by their whole names, become grey, vectors the magnitudes of their components");
   add_picture_options(command, o.picture,
                       "number, header (1 for what is no radiance), or auto: the 99th luminance percentile becomes 1");
   commands[command] = [options, &common] { return run(*options, common); };

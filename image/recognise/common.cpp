@@ -74,6 +74,10 @@ void add_common_layers(const Channels& file, const std::set<std::string>& prefix
   const auto is_colour = [&](const std::string& name) { return file.colour(name + ".").has_value(); };
   const auto is_vector = [&](const std::string& name) { return file.vector(name + ".").has_value(); };
   const auto is_single = [&](const std::string& name) { return !file.single(name).empty(); };
+  const auto is_depth = [&](const std::string& name) {  // not the third coordinate of X Y Z
+    const std::string prefix = name.ends_with("Z") ? name.substr(0, name.size() - 1) : "";
+    return is_single(name) && !(name == prefix + "Z" && file.has(prefix + "X") && file.has(prefix + "Y"));
+  };
   const auto triple_in_file = [&](const std::string& name) { return layer_in_file((*file.vector(name + "."))[0]); };
   const auto single_in_file = [&](const std::string& name) { return file.single(name); };
   std::vector<std::string> albedo = keep(called(file, prefixes, kAlbedo), is_colour);
@@ -83,7 +87,7 @@ void add_common_layers(const Channels& file, const std::set<std::string>& prefix
          [&](const std::string& name) { add_vector(p, layer::albedo, file.colour(name + ".")); });
   choose(p, "normal", keep(called(file, prefixes, kNormal), is_vector), triple_in_file,
          [&](const std::string& name) { add_vector(p, layer::normal, file.vector(name + ".")); });
-  choose(p, "depth", keep(called(file, prefixes, kDepth), is_single), single_in_file,
+  choose(p, "depth", keep(called(file, prefixes, kDepth), is_depth), single_in_file,
          [&](const std::string& name) { add_depth(p, file.single(name)); });
   if (!p.color.variance)
     choose(p, "variance", keep(called(file, prefixes, kVariance), is_colour), colour_in_file,
@@ -109,11 +113,26 @@ std::vector<ForeignFrame> common(const Channels& file, const ExrInfo& info) {
     ForeignFrame& p = found.emplace_back(picture_of_colours(file, info, pictures[0], false));
     for (size_t i = 1; i < pictures.size(); ++i) p.alike.push_back(*file.colour(pictures[i]));
   }
+  if (pictures.empty() && eyes.empty() && file.colour("."))  // .R .G .B
+    found.push_back(picture_of_colours(file, info, ".", false));
   for (const std::string& eye : eyes) found.push_back(picture_of_colours(file, info, eye, true));
   if (!found.empty()) return found;
   const std::set<std::string> layers = file.layers("");
   const bool colours = std::any_of(layers.begin(), layers.end(),
                                    [&](const std::string& layer) { return file.colour(layer + ".").has_value(); });
+  if (!colours && file.has("X") && file.has("Y") && file.has("Z")) {
+    ForeignFrame p{.renderer = "CIE XYZ colours",
+                   .cie_xyz = true,
+                   .target = {file.in_file("X"), file.in_file("Y"), file.in_file("Z")}};
+    p.color = {.name = "XYZ", .channels = p.target};
+    p.remarks.push_back(
+        "X Y Z are taken for CIE XYZ colours; of positions or normals they are no picture (--map names one, docs/frames.md)");
+    add_alpha(file, p, "");
+    add_common_layers(file, {""}, p);
+    p.samples = header_number(info, "samplesPerPixel");
+    found.push_back(std::move(p));
+    return found;
+  }
   if (!colours && file.has("Y")) {
     const std::string& grey = file.in_file("Y");
     ForeignFrame p{.renderer = "a grey frame", .target = {grey, grey, grey}};

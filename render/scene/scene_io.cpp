@@ -7,6 +7,7 @@
 #include <sstream>
 
 #include "base/error.h"
+#include "base/file_kind.h"
 #include "base/text.h"
 #include "render/scene/camera_keys.h"
 #include "render/scene/light_groups.h"
@@ -450,18 +451,9 @@ std::ifstream open_scene(const fs::path& path) {
   if (!fs::exists(path, ignored)) throw InputError(fmt::format("{}: no such file", path.string()));
   if (fs::is_directory(path, ignored))
     throw InputError(fmt::format("{}: is a folder, expected a scene file (TOML)", path.string()));
-  std::ifstream stream(path, std::ios::binary);
-  char magic[4] = {};
-  stream.read(magic, sizeof magic);
-  for (const auto& [bytes, what] : {std::pair(std::string_view(" BDV", 4), "an OpenVDB file"),
-                                    {std::string_view("Nano", 4), "a NanoVDB file"},
-                                    {std::string_view("\x76\x2f\x31\x01", 4), "an OpenEXR file"},
-                                    {std::string_view("\x89PNG", 4), "a PNG picture"}})
-    if (std::string_view(magic, 4) == bytes)
-      throw InputError(fmt::format("{}: is {}, expected a scene (TOML) that names it", path.string(), what));
-  stream.clear();
-  stream.seekg(0);
-  return stream;
+  if (const KnownFile file = known_file(path); !file.what.empty())
+    throw InputError(fmt::format("{}: is {}, expected a scene (TOML) that names it", path.string(), file.what));
+  return std::ifstream(path, std::ios::binary);
 }
 
 }  // namespace

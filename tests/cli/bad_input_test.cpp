@@ -171,6 +171,29 @@ TEST_F(BadInput, Frames) {
   expect_nothing_written();
 }
 
+TEST_F(BadInput, FilesOfOtherKindsAreAnsweredWithWhatToDo) {
+  const std::string clean = " -o " + path("out.exr");
+  const auto denoise = [&](const std::string& name, const std::string& bytes) {
+    test::write_file(folder_ / name, bytes);
+    return "denoise " + path(name) + clean;
+  };
+  expect_refused(denoise("a.png", "\x89PNG\r\n"),
+                 {"a.png: is a PNG picture, expected OpenEXR; its values are encoded and cut off for a display",
+                  "oiiotool a.png --colorconvert sRGB linear -d float -o IN.exr"});
+  expect_refused(denoise("a.jpg", "\xff\xd8\xff\xe0"), {"is a JPEG picture, expected OpenEXR"});
+  expect_refused(denoise("a.tif", std::string("II*\0", 4)),
+                 {"is a TIFF picture, expected OpenEXR; oiiotool a.tif -d float -o IN.exr makes one"});
+  expect_refused("denoise " + kCloud + clean, {"is an OpenVDB file", "brume render cloud.vdb --clean"});
+  expect_refused("info " + path("a.png"), {"is neither an OpenVDB nor an OpenEXR file", "it is a PNG picture"});
+  expect_refused("info " + folder_.path().string(), {"is a folder, expected an OpenVDB or OpenEXR file"});
+  // A method of packing that this OpenEXR does not know.
+  std::string newer = test::read_file(frame("none"));
+  const size_t at = newer.find(std::string("compression\0compression\0", 24)) + 28;
+  newer[at] = 10;
+  expect_refused(denoise("newer.exr", newer), {"newer.exr: is packed by HTJ2K, which OpenEXR", "as ZIP or PIZ"});
+  expect_nothing_written();
+}
+
 TEST_F(BadInput, SizesAndNonFinitePixels) {
   Layers a(8, 8), b(9, 8), nan(8, 8);
   for (Layers* f : {&a, &b, &nan})

@@ -20,6 +20,7 @@
 
 #include "image/exr_copy.h"
 #include "image/exr_io.h"
+#include "image/pfm_io.h"
 #include "image/picture_io.h"
 #include "tests/support/exr_files.h"
 #include "tests/support/files.h"
@@ -795,6 +796,64 @@ TEST_F(Frames, OpenImageIOFindsNothingElseChanged) {
     const std::string chosen = " --ch \"" + untouched + "\" ";
     EXPECT_TRUE(holds(said_by("oiiotool " + in + chosen + out + chosen + "--fail 0 --warn 0 --diff"), "PASS"));
   }
+}
+
+TEST_F(Frames, CieXyzIsCleanedAsColoursAndComesBackAsXyz) {
+  const auto xyz = [](const std::string& channel, int x, int y) {
+    return (channel == "X" ? 0.95 : channel == "Y" ? 1.0 : 1.09) * noisy("grey", x, y);
+  };
+  Imf::Header header = test::exr_header(kWidth, kHeight);
+  test::add_channels(header, {"X", "Y", "Z"}, Imf::FLOAT);
+  write({{header, xyz}});
+  EXPECT_TRUE(holds(denoise(), "X Y Z are taken for CIE XYZ colours"));
+  expect_kept_but({""}, "XYZ");
+  const Layers after = read_exr(out);
+  double before_error = 0, after_error = 0, white = 0;
+  for (int y = 0; y < kHeight; ++y)
+    for (int x = 0; x < kWidth; ++x) {
+      before_error += std::pow(noisy("grey", x, y) - truth("grey", x, y), 2);
+      after_error += std::pow(after.at("Y")(x, y) - truth("grey", x, y), 2);
+      white += std::abs(after.at("Z")(x, y) / after.at("Y")(x, y) - 1.09);
+    }
+  EXPECT_LT(after_error, 0.6 * before_error);
+  EXPECT_LT(white / (kWidth * kHeight), 1e-3);
+
+  std::filesystem::remove(out);
+  write({{header, [](const std::string&, int x, int) { return x - 10.0; }}});
+  EXPECT_TRUE(holds(refused(), "X Y Z are negative in 33 % of the pixels, as positions"));
+}
+
+TEST_F(Frames, RadianceAndFloatMapsAreCleanedToExr) {
+  Layers picture(kWidth, kHeight);
+  const auto planes = picture.add_rgb(layer::beauty);
+  for (int y = 0; y < kHeight; ++y)
+    for (int x = 0; x < kWidth; ++x)
+      for (Plane* plane : planes) (*plane)(x, y) = static_cast<float>(noisy("grey", x, y));
+  const RgbPlanes written = {planes[0], planes[1], planes[2]};
+  in = path("frame.pfm");
+  write_pfm(in, written);
+  denoise();
+  std::string bytes = fmt::format("#?RADIANCE\nFORMAT=32-bit_rle_rgbe\n\n-Y {} +X {}\n", kHeight, kWidth);
+  for (int y = 0; y < kHeight; ++y)
+    for (int x = 0; x < kWidth; ++x) {
+      int exponent = 0;
+      const auto mantissa = static_cast<char>(static_cast<int>(256 * std::frexp((*planes[0])(x, y), &exponent)));
+      bytes += {mantissa, mantissa, mantissa, static_cast<char>(128 + exponent)};
+    }
+  const Layers of_map = read_exr(out);
+  in = path("frame.hdr");
+  test::write_file(in, bytes);
+  denoise();
+  const Layers of_radiance = read_exr(out);
+  double before = 0, after = 0;
+  for (int y = 0; y < kHeight; ++y)
+    for (int x = 0; x < kWidth; ++x) {
+      before += std::pow((*planes[0])(x, y) - truth("grey", x, y), 2);
+      after += std::pow(of_map.at("R")(x, y) - truth("grey", x, y), 2);
+      EXPECT_NEAR(of_radiance.at("R")(x, y), of_map.at("R")(x, y), 0.02);
+    }
+  EXPECT_LT(after, 0.6 * before);
+  EXPECT_TRUE(holds(run_brume("info " + in).out, "RGB"));
 }
 
 TEST_F(Frames, OptionsThatMakeNoSenseAreRefused) {

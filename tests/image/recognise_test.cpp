@@ -410,6 +410,33 @@ TEST(Recognise, NothingWhereThereIsNoColour) {
   EXPECT_TRUE(recognise(file_of(layers_of({{"Noisy Picture", "RGB"}}))).empty());
 }
 
+TEST(Recognise, ThreeCoordinatesOnTopAreCieXyzWhereNothingElseIsAPicture) {
+  const ForeignFrame xyz = only(file_of({"A", "X", "Y", "Z"}));
+  EXPECT_TRUE(xyz.cie_xyz);
+  EXPECT_EQ(xyz.target, (ChannelTriple{"X", "Y", "Z"}));
+  EXPECT_EQ(xyz.alpha, "A");
+  EXPECT_EQ(feature(xyz, layer::depth), "");
+  // Beside colours they are a position, whose Z is no depth.
+  const ForeignFrame beside = only(file_of({"B", "G", "R", "X", "Y", "Z"}));
+  EXPECT_FALSE(beside.cie_xyz);
+  EXPECT_EQ(feature(beside, layer::depth), "");
+  EXPECT_EQ(feature(only(file_of({"Y", "Z"})), layer::depth), "Z");
+
+  Plane x(1, 1, 0.95047f), y(1, 1, 1.0f), z(1, 1, 1.08883f);
+  rgb_from_xyz({&x, &y, &z});
+  for (const Plane* white : {&x, &y, &z}) EXPECT_NEAR((*white)(0, 0), 1, 1e-3);
+  x(0, 0) = 2;
+  rgb_from_xyz({&x, &y, &z});
+  xyz_from_rgb({&x, &y, &z});
+  EXPECT_NEAR(x(0, 0), 2, 1e-5);
+}
+
+TEST(Recognise, NamesThatBeginWithADot) {
+  const ExrInfo file = file_of({".A", ".B", ".G", ".R"});
+  EXPECT_EQ(only(file).target, (ChannelTriple{".R", ".G", ".B"}));
+  EXPECT_EQ(channels_text(file_of({".id", "a.", "L.R"})), ".id a.; L: R");
+}
+
 TEST(Recognise, BrumesOwnFramesAreKnownByTheirStatistics) {
   const Layers frame = test::noisy_frame(4, 4, 1);
   EXPECT_TRUE(is_brume_frame(file_of(frame.names())));
