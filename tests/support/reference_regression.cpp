@@ -226,8 +226,10 @@ class Reference {
 
   Halves stacked() const {
     const size_t n = candidates_.size();
-    MatrixXd errors(n_, n * n);
-    for (size_t i = 0; i < n; ++i)
+    const Values light = level_.abs() * mask_.sum() / (mask_ * level_.abs()).sum();
+    const Values counts = (mask_ > 0).select((light + 0.05).pow(-4.0 / 3), 0.0);
+    MatrixXd errors(n_, n * n), squares(n_, n);
+    for (size_t i = 0; i < n; ++i) {
       for (size_t j = 0; j < n; ++j) {
         Values sum = Values::Zero(n_);
         for (size_t c = 0; c < 3; ++c) {
@@ -235,14 +237,21 @@ class Reference {
                        &bi = candidates_[i][1][c], &bj = candidates_[j][1][c];
           sum += ((yb - ai) * (yb - aj) + (ya - bi) * (ya - bj)) / 2 - (ai - bi) * (aj - bj) / 4;
         }
-        errors.col(static_cast<int>(i * n + j)) = weights() * sum;
+        errors.col(static_cast<int>(i * n + j)) = counts * sum;
       }
+      squares.col(static_cast<int>(i)) = (errors.col(static_cast<int>(i * n + i)) - errors.col(0)).array().square();
+    }
     const auto matrix = [&](const Eigen::VectorXd& v) { return MatrixXd(Eigen::Map<const MatrixXd>(v.data(), n, n)); };
-    const MatrixXd sums = window(28) * errors, frame = matrix(errors.colwise().sum());
+    const MatrixXd sums = window(28) * errors, frame = matrix(errors.colwise().sum()), local = window(28) * squares;
+    const Eigen::RowVectorXd all = squares.colwise().sum();
+    const double share = 5000 / mask_.sum();
     Halves out = data_;
     for (int p = 0; p < n_; ++p) {
+      // One standard error of what each gains over the prediction is taken off; the mean of G^2 is half that of G.
+      const Eigen::RowVectorXd price = (local.row(p) / 2 + share * share * all).cwiseSqrt();
+      const MatrixXd prices = (price.replicate(all.size(), 1) + price.transpose().replicate(1, all.size())) / 2;
       const Eigen::VectorXd pi = simplex_minimum(matrix(sums.row(p)).array() - matrix(sums.row(p)).minCoeff() +
-                                                 5000 / mask_.sum() * (frame.array() - frame.minCoeff()));
+                                                 share * (frame.array() - frame.minCoeff()) + prices.array());
       for (size_t half = 0; half < 2; ++half)
         for (size_t c = 0; c < 3; ++c)
           for (size_t i = 0; i < n; ++i)
