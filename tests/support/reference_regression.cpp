@@ -106,9 +106,10 @@ class Reference {
 
   // ---- Weights, columns and fits.
 
-  Values weights() const {
+  Values weights() const { return weights(direct_ ? 0.0 : 1.2); }
+  Values weights(double power) const {
     const Values light = level_.max(0.0), relative = light * mask_.sum() / (light * mask_).sum();
-    return mask_ * (relative + 0.1).pow(direct_ ? 0.0 : -1.2);
+    return mask_ * (relative + 0.1).pow(-power);
   }
 
   /// Frees columns of their projection on the first and scales them to one size.
@@ -226,8 +227,7 @@ class Reference {
 
   Halves stacked() const {
     const size_t n = candidates_.size();
-    const Values light = level_.abs() * mask_.sum() / (mask_ * level_.abs()).sum();
-    const Values counts = (mask_ > 0).select((light + 0.05).pow(-4.0 / 3), 0.0);
+    const Values counts = weights(1.2);
     MatrixXd errors(n_, n * n), squares(n_, n);
     for (size_t i = 0; i < n; ++i) {
       for (size_t j = 0; j < n; ++j) {
@@ -247,8 +247,8 @@ class Reference {
     const double share = 5000 / mask_.sum();
     Halves out = data_;
     for (int p = 0; p < n_; ++p) {
-      // One standard error of what each gains over the prediction is taken off; the mean of G^2 is half that of G.
-      const Eigen::RowVectorXd price = (local.row(p) / 2 + share * share * all).cwiseSqrt();
+      // Half a standard error of what each gains over the prediction is taken off; the sum of G^2 is half that of G.
+      const Eigen::RowVectorXd price = (local.row(p) / 2 + share * share * all).cwiseSqrt() / 2;
       const MatrixXd prices = (price.replicate(all.size(), 1) + price.transpose().replicate(1, all.size())) / 2;
       const Eigen::VectorXd pi = simplex_minimum(matrix(sums.row(p)).array() - matrix(sums.row(p)).minCoeff() +
                                                  share * (frame.array() - frame.minCoeff()) + prices.array());

@@ -10,7 +10,7 @@ namespace brume {
 namespace {
 
 // Windows of local means of noise and of what returns the light taken from outliers [px].
-constexpr double kNoiseWindow = 10, kReturnWindow = 22;
+constexpr double kNoiseWindow = 10, kReturnWindow = 32;
 // An outlier is this many times what the other half shows, and more.
 constexpr float kAgreement = 3;
 // What both halves show is a point, a lamp or a star, where within this radius [px] no more pixels than these have a

@@ -18,8 +18,6 @@ constexpr int kEdgeRadius = 1;
 constexpr float kEdgeOfNormals = 0.5f;
 // Standard errors that a gain must exceed.
 constexpr double kSureOfMedia = 3, kSureOfSurfaces = 2;
-// Squared errors count as light, over its mean, to this power; all darker than this counts alike.
-constexpr float kPowerOfLight = -4.0f / 3, kDarkest = 0.05f;
 // Around what is cleaned, more than local means reach; and what boxes are rounded to, so that lattices lie alike.
 constexpr int kMargin = 32, kRounded = 64;
 
@@ -117,16 +115,6 @@ SurfaceShares::SurfaceShares(const std::vector<const Plane*>& normal, const std:
     add([&](int x, int y) { return change(x, y) > 1 ? 0.0f : std::min((*material)(x, y), share(x, y)); });
   if (materials.empty()) add([&](int x, int y) { return change(x, y) > 1 ? 0.0f : share(x, y); });
   add([&](int x, int y) { return change(x, y) > 1 ? share(x, y) : 0.0f; });
-}
-
-Plane weight_of_errors(const Plane& light, const Plane& mask, const Task& task) {
-  double sum = 0;
-  for (int y = 0; y < mask.height(); ++y)
-    for (int x = 0; x < mask.width(); ++x) sum += mask(x, y) * std::abs(static_cast<double>(light(x, y)));
-  const float scale = sum > 0 ? static_cast<float>(sum_of(mask) / sum) : 0.0f;
-  return make_plane(mask.width(), mask.height(), quiet(task), [&](int x, int y) {
-    return mask(x, y) > 0 ? std::pow(scale * std::abs(light(x, y)) + kDarkest, kPowerOfLight) : 0.0f;
-  });
 }
 
 std::vector<MixingRegion> regions_of(const Plane& mask, const SurfaceShares& surfaces, const Task& task) {

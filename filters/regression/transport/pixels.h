@@ -40,10 +40,6 @@ struct SurfaceShares {
   SurfaceShares(const std::vector<const Plane*>& normal, const std::vector<const Plane*>& materials, const Task& task);
 };
 
-/// What the square of an error counts at each pixel: as CIE-Lab sees it, less where there is more light; 0 outside of
-/// the mask.
-Plane weight_of_errors(const Plane& light, const Plane& mask, const Task& task);
-
 /// A share of each pixel, [0, 1]: what is measured in one region says nothing about another.
 struct MixingRegion {
   Plane share;

@@ -28,7 +28,7 @@ struct TransportRegression {
 // Gaussian windows of local means of what a result misses [px], and of the brightness that errors are relative to.
 constexpr double kLocalMeans[] = {1, 2, 4}, kLightWindow = 1.5;
 // Standard errors by which fits and data must be better than what guides predict before they take weight from it.
-constexpr double kDoubt = 1;
+constexpr double kDoubt = 0.5;
 // With fewer samples per pixel, fits of many columns in narrow windows only follow the noise, and so do local lines,
 // unless the guides fail so that more than this share of the data's squared error is left.
 constexpr double kFewSamples = 8, kMostLeft = 0.15;
@@ -81,8 +81,16 @@ double error_left(const HalfPair& result, const HalfPair& data, const Plane& wei
 /// @param few          whether there are few samples
 void improve(HalfPair& result, const std::vector<StoredPair>& candidates, const HalfPair& data,
              const std::optional<HalfPair>& over_frames, const TransportColumns& known, bool few, const Task& task) {
+  const int width = known.mask.width(), height = known.mask.height();
+  // Relative errors, as CIE-Lab sees them.
   const Plane light = gaussian_blur(brightness(result, known.space, task), kLightWindow, task);
-  const Plane weight = weight_of_errors(light, known.mask, task);
+  double sum = 0;
+  for (int y = 0; y < height; ++y)
+    for (int x = 0; x < width; ++x) sum += known.mask(x, y) * std::abs(static_cast<double>(light(x, y)));
+  const float scale = sum > 0 ? static_cast<float>(sum_of(known.mask) / sum) : 0.0f;
+  const Plane weight = make_plane(width, height, quiet(task), [&](int x, int y) {
+    return known.mask(x, y) > 0 ? std::pow(scale * std::abs(light(x, y)) + 0.05f, -4.0f / 3) : 0.0f;
+  });
   const std::vector<MixingRegion> regions = regions_of(known.mask, known.surfaces, task);
   std::vector<Proposal> proposals;
   for (const StoredPair& candidate : candidates)
@@ -132,14 +140,17 @@ void run(const TransportRegression& p, const FilterFrame& frame, const FilterOut
   const std::vector<StoredPair> candidates =
       cascade(inputs, {p.window, p.ridge, p.ridge_per_pixel, power, !few}, over_frames, task);
   own.left = {};
+  const bool predicted = !known.expected[0].empty();
+  // Beside what guides predict, fits are chosen by relative errors, those of direct light, too.
+  if (predicted) own.weigh_by(own.level, p.weight_power, task);
   // The data are a candidate themselves: with many samples nothing is nearer to the truth.
   const HalfPair data{std::move(clamped.a), std::move(clamped.b)};
-  HalfPair chosen = blend(candidates, data,
-                          stacking_weights(candidates, data, weight_of_errors(own.level, known.mask, task),
-                                           {static_cast<double>(p.stacking_window), static_cast<double>(p.caution),
-                                            known.expected[0].empty() ? 0.0 : kDoubt},
-                                           task),
-                          task);
+  HalfPair chosen = blend(
+      candidates, data,
+      stacking_weights(
+          candidates, data, own.weight,
+          {static_cast<double>(p.stacking_window), static_cast<double>(p.caution), predicted ? kDoubt : 0.0}, task),
+      task);
   task.report(0.7);
   improve(chosen, candidates, data, over_frames, known, few, task);
   Rgb clean = mean(chosen, task);
