@@ -40,7 +40,8 @@ struct Filtered {
     const HalfPair halves{std::move(drawn_in.a), std::move(drawn_in.b)};
     std::optional<HalfPair> over_frames;
     const std::vector<StoredPair> fits = cascade(inputs, {16, 2e-3, 1, power}, over_frames, {});
-    const std::vector<Plane> weights = stacking_weights(fits, halves, inputs[0].weight, {28, 5000}, {});
+    inputs[0].weigh_by(inputs[0].level, 1.2f, {});
+    const std::vector<Plane> weights = stacking_weights(fits, halves, inputs[0].weight, {28, 5000, 0.5}, {});
     data = halves_of(halves);
     stacked = halves_of(blend(fits, halves, weights, {}));
     for (const StoredPair& fit : fits) {

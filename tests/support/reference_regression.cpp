@@ -106,9 +106,10 @@ class Reference {
 
   // ---- Weights, columns and fits.
 
-  Values weights() const {
+  Values weights() const { return weights(direct_ ? 0.0 : 1.2); }
+  Values weights(double power) const {
     const Values light = level_.max(0.0), relative = light * mask_.sum() / (light * mask_).sum();
-    return mask_ * (relative + 0.1).pow(direct_ ? 0.0 : -1.2);
+    return mask_ * (relative + 0.1).pow(-power);
   }
 
   /// Frees columns of their projection on the first and scales them to one size.
@@ -226,8 +227,9 @@ class Reference {
 
   Halves stacked() const {
     const size_t n = candidates_.size();
-    MatrixXd errors(n_, n * n);
-    for (size_t i = 0; i < n; ++i)
+    const Values counts = weights(1.2);
+    MatrixXd errors(n_, n * n), squares(n_, n);
+    for (size_t i = 0; i < n; ++i) {
       for (size_t j = 0; j < n; ++j) {
         Values sum = Values::Zero(n_);
         for (size_t c = 0; c < 3; ++c) {
@@ -235,14 +237,21 @@ class Reference {
                        &bi = candidates_[i][1][c], &bj = candidates_[j][1][c];
           sum += ((yb - ai) * (yb - aj) + (ya - bi) * (ya - bj)) / 2 - (ai - bi) * (aj - bj) / 4;
         }
-        errors.col(static_cast<int>(i * n + j)) = weights() * sum;
+        errors.col(static_cast<int>(i * n + j)) = counts * sum;
       }
+      squares.col(static_cast<int>(i)) = (errors.col(static_cast<int>(i * n + i)) - errors.col(0)).array().square();
+    }
     const auto matrix = [&](const Eigen::VectorXd& v) { return MatrixXd(Eigen::Map<const MatrixXd>(v.data(), n, n)); };
-    const MatrixXd sums = window(28) * errors, frame = matrix(errors.colwise().sum());
+    const MatrixXd sums = window(28) * errors, frame = matrix(errors.colwise().sum()), local = window(28) * squares;
+    const Eigen::RowVectorXd all = squares.colwise().sum();
+    const double share = 5000 / mask_.sum();
     Halves out = data_;
     for (int p = 0; p < n_; ++p) {
+      // Half a standard error of what each gains over the prediction is taken off; the sum of G^2 is half that of G.
+      const Eigen::RowVectorXd price = (local.row(p) / 2 + share * share * all).cwiseSqrt() / 2;
+      const MatrixXd prices = (price.replicate(all.size(), 1) + price.transpose().replicate(1, all.size())) / 2;
       const Eigen::VectorXd pi = simplex_minimum(matrix(sums.row(p)).array() - matrix(sums.row(p)).minCoeff() +
-                                                 5000 / mask_.sum() * (frame.array() - frame.minCoeff()));
+                                                 share * (frame.array() - frame.minCoeff()) + prices.array());
       for (size_t half = 0; half < 2; ++half)
         for (size_t c = 0; c < 3; ++c)
           for (size_t i = 0; i < n; ++i)

@@ -37,9 +37,16 @@ std::vector<double> matrix_of(const Number* upper, size_t n) {
   return d;
 }
 
-/// Floats of a node: products of errors, then pixels.
+/// Floats of a node: products of errors, squares of what each candidate gains over the first, then pixels.
 size_t node_floats(size_t candidates) {
-  return candidates * (candidates + 1) / 2 + 1;
+  return candidates * (candidates + 1) / 2 + candidates + 1;
+}
+
+/// Adds to pi^T D pi, sum pi = 1, the price of each candidate, sum of price_i pi_i.
+void add_prices(const std::vector<double>& price, std::vector<double>& d) {
+  const size_t n = price.size();
+  for (size_t i = 0; i < n; ++i)
+    for (size_t j = 0; j < n; ++j) d[i * n + j] += 0.5 * (price[i] + price[j]);
 }
 
 }  // namespace
@@ -83,7 +90,7 @@ std::vector<float> products_of_errors(const std::vector<StoredPair>& candidates,
                                       const Plane& weight, const BlockLattice& lattice, int block_row) {
   const size_t n = candidates.size() + 1, size = node_floats(n), length = static_cast<size_t>(lattice.width);
   std::vector<float> row(static_cast<size_t>(lattice.across) * size);
-  std::vector<float> da(n), db(n), change(n);
+  std::vector<float> da(n), db(n), change(n), gain(n);
   // A row of both halves of every candidate, colour by colour.
   std::vector<float> fits(6 * (n - 1) * length);
   const auto fit = [&](size_t c, size_t i, size_t half) {
@@ -102,6 +109,7 @@ std::vector<float> products_of_errors(const std::vector<StoredPair>& candidates,
       if (!(w > 0)) continue;
       float* to = row.data() + static_cast<size_t>(x / lattice.block) * size;
       to[size - 1] += 1;
+      std::fill(gain.begin(), gain.end(), 0.0f);
       for (size_t c = 0; c < 3; ++c) {
         const float ya = data.a[c](x, y), yb = data.b[c](x, y);
         for (size_t i = 0; i < n; ++i) {
@@ -112,10 +120,15 @@ std::vector<float> products_of_errors(const std::vector<StoredPair>& candidates,
           change[i] = fa - fb;
         }
         float* pair = to;
-        for (size_t i = 0; i < n; ++i)
-          for (size_t j = i; j < n; ++j)
-            *pair++ += w * (0.5f * (da[i] * da[j] + db[i] * db[j]) - 0.25f * change[i] * change[j]);
+        const auto product = [&](size_t i, size_t j) {
+          return w * (0.5f * (da[i] * da[j] + db[i] * db[j]) - 0.25f * change[i] * change[j]);
+        };
+        for (size_t i = 0; i < n; ++i) {
+          gain[i] += product(0, 0) - product(i, i);
+          for (size_t j = i; j < n; ++j) *pair++ += product(i, j);
+        }
       }
+      for (size_t i = 0; i < n; ++i) to[size - 1 - n + i] += gain[i] * gain[i];
     }
   }
   return row;
@@ -154,8 +167,19 @@ std::vector<Plane> stacking_weights(const std::vector<StoredPair>& candidates, c
   for (const std::vector<float>& row : sums)
     for (size_t i = 0; i < row.size(); ++i) whole[i % size] += static_cast<double>(row[i]);
   const std::vector<double> frame_matrix = matrix_of(whole.data(), n);
+  const double* const frame_squares = whole.data() + size - 1 - n;
+  /// What candidates must gain over the first, from sums of squares in a window and over so large a share of the frame.
+  const auto prices = [&](const float* squares, double share) {
+    std::vector<double> price(n);
+    for (size_t i = 0; i < n; ++i)
+      price[i] = window.doubt *
+                 std::sqrt((squares ? 0.5 * static_cast<double>(squares[i]) : 0.0) + share * share * frame_squares[i]);
+    return price;
+  };
+  std::vector<double> priced = frame_matrix;
+  add_prices(prices(nullptr, 1), priced);
   const std::vector<double> frame_weights =
-      simplex_minimum(frame_matrix, std::vector<double>(n, 1.0 / static_cast<double>(n)));
+      simplex_minimum(priced, std::vector<double>(n, 1.0 / static_cast<double>(n)));
   LatticeRows nodes(static_cast<size_t>(lattice.down));
   parallel_for(lattice.down, quiet(task), [&](int r) {
     const std::vector<float> blurred = blurred_down(sums, r, taps);
@@ -167,6 +191,7 @@ std::vector<Plane> stacking_weights(const std::vector<StoredPair>& candidates, c
         // As though so many more pixels had been seen that are like the frame's average.
         const double share = window.caution / std::max(1.0, whole[size - 1]);
         for (size_t k = 0; k < d.size(); ++k) d[k] += share * frame_matrix[k];
+        add_prices(prices(from + size - 1 - n, share), d);
         best = simplex_minimum(d, frame_weights);
       }
       for (const double v : best) nodes[static_cast<size_t>(r)].push_back(static_cast<float>(v));

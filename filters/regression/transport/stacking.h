@@ -6,6 +6,7 @@ namespace brume {
 struct StackingWindow {
   double deviation;  ///< of the Gaussian over which weights are chosen [px]
   double caution;    ///< pull towards the frame's own weights, in effective pixels
+  double doubt = 0;  ///< standard errors that any other must gain over the first candidate, which has no noise
 };
 
 /// Non-negative weights with sum one for every pixel and candidate, which minimise the squared error that each half's

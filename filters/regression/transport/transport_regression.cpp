@@ -27,6 +27,8 @@ struct TransportRegression {
 
 // Gaussian windows of local means of what a result misses [px], and of the brightness that errors are relative to.
 constexpr double kLocalMeans[] = {1, 2, 4}, kLightWindow = 1.5;
+// Standard errors by which fits and data must be better than what guides predict before they take weight from it.
+constexpr double kDoubt = 0.5;
 // With fewer samples per pixel, fits of many columns in narrow windows only follow the noise, and so do local lines,
 // unless the guides fail so that more than this share of the data's squared error is left.
 constexpr double kFewSamples = 8, kMostLeft = 0.15;
@@ -138,13 +140,17 @@ void run(const TransportRegression& p, const FilterFrame& frame, const FilterOut
   const std::vector<StoredPair> candidates =
       cascade(inputs, {p.window, p.ridge, p.ridge_per_pixel, power, !few}, over_frames, task);
   own.left = {};
+  const bool predicted = !known.expected[0].empty();
+  // Beside what guides predict, fits are chosen by relative errors, those of direct light, too.
+  if (predicted) own.weigh_by(own.level, p.weight_power, task);
   // The data are a candidate themselves: with many samples nothing is nearer to the truth.
   const HalfPair data{std::move(clamped.a), std::move(clamped.b)};
-  HalfPair chosen =
-      blend(candidates, data,
-            stacking_weights(candidates, data, own.weight,
-                             {static_cast<double>(p.stacking_window), static_cast<double>(p.caution)}, task),
-            task);
+  HalfPair chosen = blend(
+      candidates, data,
+      stacking_weights(
+          candidates, data, own.weight,
+          {static_cast<double>(p.stacking_window), static_cast<double>(p.caution), predicted ? kDoubt : 0.0}, task),
+      task);
   task.report(0.7);
   improve(chosen, candidates, data, over_frames, known, few, task);
   Rgb clean = mean(chosen, task);
