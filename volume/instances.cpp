@@ -1,20 +1,41 @@
 #include "volume/instances.h"
 
 #include <algorithm>
-#include <bit>
 #include <cmath>
-#include <cstring>
 #include <limits>
+
+#include "volume/instance_search.h"
 
 namespace brume {
 namespace {
 
-// Of four or more each quarter holds at least one.
-constexpr size_t kMostInLeaf = 3;
-// Where there are fewer, a box that no scene reaches.
-const vec3 kNowhere(1e30f, 2e30f, -3e30f);
+// The lower faces of boxes that no ray meets; the upper ones are the opposite.
+constexpr float kNowhere = 1e30f;
 
-/// A world box in single precision around an instance's local one.
+/// A box in single precision around one in double precision.
+std::pair<vec3, vec3> rounded_outwards(const dvec3& lo, const dvec3& hi) {
+  std::pair<vec3, vec3> box;
+  for (int a = 0; a < 3; ++a) {
+    // By four times what the conversion rounds: the numbers given may be rounded, too.
+    box.first[a] = static_cast<float>(lo[a] - std::abs(lo[a]) * 0x1p-22);
+    box.second[a] = static_cast<float>(hi[a] + std::abs(hi[a]) * 0x1p-22);
+  }
+  return box;
+}
+
+/// The parameter at which a ray comes into a box; not a number, which is not below any other, where it never does.
+double enters(const Ray& ray, const dvec3& lo, const dvec3& hi) {
+  double t0 = 0, t1 = std::numeric_limits<double>::infinity();
+  for (int a = 0; a < 3; ++a) {
+    // Not a number where the ray lies in a face, which then says nothing.
+    const double inverse = 1 / ray.d[a], x = (lo[a] - ray.o[a]) * inverse, y = (hi[a] - ray.o[a]) * inverse;
+    t0 = std::max(t0, std::min(x, y));
+    t1 = std::min(t1, std::max(x, y));
+  }
+  return t0 <= t1 ? t0 : std::numeric_limits<double>::quiet_NaN();
+}
+
+/// A world box around an instance's local one.
 std::pair<vec3, vec3> box_around(const dmat3& world_from_local, const dvec3& offset, const dvec3& lo, const dvec3& hi) {
   dvec3 from(std::numeric_limits<double>::infinity()), to = -from;
   for (int k = 0; k < 8; ++k) {
@@ -23,14 +44,7 @@ std::pair<vec3, vec3> box_around(const dmat3& world_from_local, const dvec3& off
     from = glm::min(from, p);
     to = glm::max(to, p);
   }
-  constexpr float kEnd = std::numeric_limits<float>::infinity();
-  std::pair<vec3, vec3> box;
-  for (int a = 0; a < 3; ++a) {
-    // Twice: the numbers above are rounded, too.
-    box.first[a] = std::nextafter(std::nextafter(static_cast<float>(from[a]), -kEnd), -kEnd);
-    box.second[a] = std::nextafter(std::nextafter(static_cast<float>(to[a]), kEnd), kEnd);
-  }
-  return box;
+  return rounded_outwards(from, to);
 }
 
 }  // namespace
@@ -57,53 +71,64 @@ Instances::Instances(std::vector<Instance> all, const dvec3& lo, const dvec3& hi
     lo_ = glm::min(lo_, dvec3(from));
     hi_ = glm::max(hi_, dvec3(to));
   }
-  build(0, all_.size(), boxes);
+  nodes_.emplace_back();
+  build(0, 0, all_.size(), boxes);
   list_neighbours(boxes);
 }
 
-/// Puts the half with the smaller middles on the widest axis first. @return  where the other half begins
-size_t Instances::halve(size_t begin, size_t end, const Boxes& boxes) {
-  vec3 least(std::numeric_limits<float>::infinity()), most = -least;
+/// Orders a range of instances so that those of each part, of `most` or, the last, less, stand together: halved again
+/// and again along the widest axis.
+/// @param ends  gets the parts' ends
+void Instances::divide(size_t begin, size_t end, size_t most, const Boxes& boxes, std::vector<size_t>& ends) {
+  if (end - begin <= most) {
+    ends.push_back(end);
+    return;
+  }
+  vec3 least(std::numeric_limits<float>::infinity()), greatest = -least;
   const auto middle = [&](uint32_t i) { return boxes[i].first + boxes[i].second; };
   for (size_t k = begin; k < end; ++k) {
     least = glm::min(least, middle(order_[k]));
-    most = glm::max(most, middle(order_[k]));
+    greatest = glm::max(greatest, middle(order_[k]));
   }
-  const vec3 extent = most - least;
+  const vec3 extent = greatest - least;
   const int axis = extent.x >= extent.y && extent.x >= extent.z ? 0 : extent.y >= extent.z ? 1 : 2;
-  const size_t half = begin + (end - begin) / 2;
+  const size_t parts = (end - begin + most - 1) / most, half = begin + parts / 2 * most;
   const auto at = [&](size_t k) { return order_.begin() + static_cast<std::ptrdiff_t>(k); };
   std::nth_element(at(begin), at(half), at(end), [&](uint32_t a, uint32_t b) {
     const float x = middle(a)[axis], y = middle(b)[axis];
     return x < y || (x == y && a < b);
   });
-  return half;
+  divide(begin, half, most, boxes, ends);
+  divide(half, end, most, boxes, ends);
 }
 
-uint32_t Instances::build(size_t begin, size_t end, const Boxes& boxes) {
-  const auto number = static_cast<uint32_t>(nodes_.size());
-  nodes_.emplace_back();
-  std::array<size_t, kWide + 1> parts{begin, begin, begin, begin, end};
-  if (end - begin > kMostInLeaf) {
-    parts[2] = halve(begin, end, boxes);
-    parts[1] = halve(begin, parts[2], boxes);
-    parts[3] = halve(parts[2], end, boxes);
-  }
+/// Makes a node of a range of instances: full ones under it, but for the last.
+void Instances::build(uint32_t number, size_t begin, size_t end, const Boxes& boxes) {
+  constexpr size_t kWide = InstanceNode::kWide;
+  size_t most = 1;  // under one of its boxes
+  while (most * kWide < end - begin) most *= kWide;
+  std::vector<size_t> ends;
+  if (most > 1)
+    divide(begin, end, most, boxes, ends);
+  else
+    for (size_t k = begin; k < end; ++k) ends.push_back(k + 1);
+
+  const auto first = static_cast<uint32_t>(most > 1 ? nodes_.size() : begin);
+  if (most > 1) nodes_.resize(nodes_.size() + ends.size());
+  InstanceNode& node = nodes_[number];
+  node.first = first;
+  node.of_instances = most == 1;
   for (size_t k = 0; k < kWide; ++k) {
-    vec3 lo(std::numeric_limits<float>::infinity()), hi = -lo;
-    for (size_t i = parts[k]; i < parts[k + 1]; ++i) {
+    vec3 lo(kNowhere), hi(-kNowhere);
+    for (size_t i = k == 0 ? begin : ends[std::min(k, ends.size()) - 1]; k < ends.size() && i < ends[k]; ++i) {
       lo = glm::min(lo, boxes[order_[i]].first);
       hi = glm::max(hi, boxes[order_[i]].second);
     }
-    if (parts[k] == parts[k + 1]) lo = hi = kNowhere;
-    const size_t count = std::max<size_t>(parts[k + 1] - parts[k], 1);
-    const uint32_t first = count > kMostInLeaf ? build(parts[k], parts[k + 1], boxes) : static_cast<uint32_t>(parts[k]);
-    Node& node = nodes_[number];
-    node.first[k] = first;
-    node.count[k] = count > kMostInLeaf ? 0 : static_cast<uint32_t>(count);
-    for (int a = 0; a < 3; ++a) node.lo[a][k] = lo[a], node.hi[a][k] = hi[a];
+    for (int a = 0; a < 3; ++a) node.face[0][a][k] = lo[a], node.face[1][a][k] = hi[a];
   }
-  return number;
+  if (most > 1)
+    for (size_t k = 0; k < ends.size(); ++k)
+      build(first + static_cast<uint32_t>(k), k == 0 ? begin : ends[k - 1], ends[k], boxes);
 }
 
 void Instances::list_neighbours(const Boxes& boxes) {
@@ -136,96 +161,38 @@ std::pair<double, double> Instances::part(size_t number, const Ray& ray, double 
   return {t0, t1};
 }
 
-namespace {
+void Instances::each_box(const Ray& ray, double t_max, const std::function<double(size_t)>& visit) const {
+  const double begin = enters(ray, lo_, hi_);
+  if (!(begin <= t_max)) return;
+  // Counted from where the ray comes into the box of all, single precision is as fine as that box.
+  const auto limit = [&](double t) { return static_cast<float>(std::clamp(t - begin, 0.0, 1e30)); };
+  const double size = max_component(glm::max(glm::abs(lo_), glm::abs(hi_)));
+  search_instances(nodes_, {ray.at(begin), ray.d, size}, limit(t_max),
+                   [&](size_t place) { return limit(visit(order_[place])); });
+}
 
-/// A ray against four boxes side by side, in single precision; counted from where it comes into the box of all, so that
-/// rounding is as small as that box.
-struct FourSlabs {
-  /// As wide as the least of instruction sets has it: one function for all.
-  using Four [[gnu::vector_size(16)]] = float;
-  static Four four(const float* from) {
-    Four v;
-    std::memcpy(&v, from, sizeof v);
-    return v;
-  }
-
-  FourSlabs(const dvec3& o, const dvec3& d, double pad) : pad_(static_cast<float>(pad)) {
-    for (int a = 0; a < 3; ++a) {
-      o_[a] = static_cast<float>(o[a]);
-      const auto along = static_cast<float>(d[a]);
-      inverse_[a] = std::abs(along) < 1e-30f ? std::copysign(1e30f, along) : 1 / along;
-    }
-  }
-  /// @param t  gets where the ray comes into each   @return  bits of those that it meets before `limit`
-  uint32_t enters(const float (&lo)[3][4], const float (&hi)[3][4], float limit, float (&t)[4]) const {
-    Four t0{}, t1 = Four{} + limit;
-    for (int a = 0; a < 3; ++a) {
-      const Four x = (four(lo[a]) - pad_ - o_[a]) * inverse_[a], y = (four(hi[a]) + pad_ - o_[a]) * inverse_[a];
-      const Four enters = x < y ? x : y, leaves = x < y ? y : x;
-      t0 = t0 > enters ? t0 : enters;
-      t1 = t1 < leaves ? t1 : leaves;
-    }
-    std::memcpy(t, &t0, sizeof t0);
-    const auto meets = t0 * (1 - kRounding) <= t1 * (1 + kRounding);
-    uint32_t bits = 0;
-    for (int k = 0; k < 4; ++k) bits |= (meets[k] & 1u) << k;
-    return bits;
-  }
-
-  static constexpr float kRounding = 1e-6f;
-
- private:
-  float o_[3], inverse_[3], pad_;
-};
-
-}  // namespace
+void Instances::each_box(const dvec3& lo, const dvec3& hi, const std::function<void(size_t)>& visit) const {
+  const auto [from, to] = rounded_outwards(lo, hi);
+  search_instances(nodes_, from, to, [&](size_t place) { visit(order_[place]); });
+}
 
 size_t Instances::next(const Ray& ray, double t_max, const Met& after, std::span<Met> found) const {
-  const double begin = Slabs(ray).enters(lo_, hi_);
-  if (!(begin <= t_max)) return 0;
-  const dvec3 entry = ray.at(begin);
-  const double size = max_component(glm::max(glm::abs(lo_), glm::abs(hi_)));
-  const FourSlabs slabs(entry, ray.d, static_cast<double>(FourSlabs::kRounding) * size);
   size_t count = 0;
-  const auto bound = [&] { return count < found.size() ? t_max : found[count - 1].t; };
-  const auto limit = [&] { return static_cast<float>(std::min(bound() - begin, 1e30)); };
-  struct Waiting {
-    uint32_t first, count;
-    float t;
-  };
-  std::array<Waiting, kDeepest> stack;
-  size_t waiting = 0;
-  stack[waiting++] = {0, 0, 0.0f};
-  while (waiting > 0) {
-    const Waiting from = stack[--waiting];
-    if (from.t * (1 - FourSlabs::kRounding) > limit() * (1 + FourSlabs::kRounding)) continue;
-    if (from.count == 0) {
-      const Node& node = nodes_[from.first];
-      float t[kWide];
-      const size_t own = waiting;
-      for (uint32_t bits = slabs.enters(node.lo, node.hi, limit(), t); bits; bits &= bits - 1) {
-        const auto k = static_cast<size_t>(std::countr_zero(bits));
-        size_t place = waiting++;  // the nearest last: it is looked at first
-        for (; place > own && stack[place - 1].t < t[k]; --place) stack[place] = stack[place - 1];
-        stack[place] = {node.first[k], node.count[k], t[k]};
-      }
-      continue;
-    }
-    for (uint32_t k = 0; k < from.count; ++k) {
-      const uint32_t i = order_[from.first + k];
-      const auto [t0, t1] = part(i, ray, t_max);
-      const Met met{t0, i};
-      if (!(t0 < t1) || !(after < met)) continue;
-      size_t place = count;
-      while (place > 0 && met < found[place - 1]) --place;
-      if (place == found.size()) continue;
-      if (count < found.size()) ++count;
-      std::copy_backward(found.begin() + static_cast<std::ptrdiff_t>(place),
-                         found.begin() + static_cast<std::ptrdiff_t>(count - 1),
-                         found.begin() + static_cast<std::ptrdiff_t>(count));
-      found[place] = met;
-    }
-  }
+  each_box(ray, t_max, [&](size_t number) {
+    const auto bound = [&] { return count < found.size() ? t_max : found[count - 1].t; };
+    const auto [t0, t1] = part(number, ray, t_max);
+    const Met met{t0, static_cast<uint32_t>(number)};
+    if (!(t0 < t1) || !(after < met)) return bound();
+    size_t at = count;
+    while (at > 0 && met < found[at - 1]) --at;
+    if (at == found.size()) return bound();
+    if (count < found.size()) ++count;
+    std::copy_backward(found.begin() + static_cast<std::ptrdiff_t>(at),
+                       found.begin() + static_cast<std::ptrdiff_t>(count - 1),
+                       found.begin() + static_cast<std::ptrdiff_t>(count));
+    found[at] = met;
+    return bound();
+  });
   return count;
 }
 

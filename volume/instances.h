@@ -1,7 +1,6 @@
 #pragma once
-#include <array>
 #include <cstdint>
-#include <limits>
+#include <functional>
 #include <optional>
 #include <span>
 #include <utility>
@@ -16,6 +15,15 @@ struct Instance {
   Placement::ToLocal to_local;  ///< to the coordinates of the medium's grid
   double density = 1;           ///< factor on its extinction
   dvec3 tint{1};                ///< factor on its albedo
+};
+
+/// Boxes side by side, for kernels: of further nodes or of instances.
+struct alignas(64) InstanceNode {
+  static constexpr size_t kWide = 16;
+  float face[2][3][kWide];  ///< the lower faces axis by axis, then the upper ones; rounded outwards. Of boxes that
+                            ///< there are not, the lower ones lie beyond the upper ones, so that nothing meets them
+  uint32_t first = 0;  ///< what the first box is of: a node, or a place in the order of instances; the others follow
+  bool of_instances = false;
 };
 
 /// All places where one medium stands, under a tree of boxes: what a ray costs follows how many it meets.
@@ -36,7 +44,7 @@ class Instances {
   size_t thickest() const { return thickest_; }
   bool tinted() const { return tinted_; }
   size_t bytes() const {
-    return all_.size() * (sizeof(Instance) + sizeof(Around)) + nodes_.size() * sizeof(Node) +
+    return all_.size() * (sizeof(Instance) + sizeof(Around)) + nodes_.size() * sizeof(InstanceNode) +
            (order_.size() + listed_.size()) * sizeof(uint32_t);
   }
 
@@ -61,84 +69,45 @@ class Instances {
   /// Calls visit(number) for all that a ray meets before t_max, in no order.
   template <class Visit>
   void each_met(const Ray& ray, double t_max, const Visit& visit) const {
-    const Slabs slabs(ray);
-    walk([&](const Node& n, size_t k) { return slabs.enters(n.lo_of(k), n.hi_of(k)) <= t_max; },
-         [&](uint32_t i) {
-           if (const auto [t0, t1] = part(i, ray, t_max); t0 < t1) visit(size_t{i});
-         });
+    each_box(ray, t_max, [&](size_t i) {
+      if (const auto [t0, t1] = part(i, ray, t_max); t0 < t1) visit(i);
+      return t_max;
+    });
   }
   /// The same for all around a point.
   template <class Visit>
   void each_around(const dvec3& p, const Visit& visit) const {
-    walk([&](const Node& n, size_t k) { return n.overlaps(k, p, p); },
-         [&](uint32_t i) {
-           const dvec3 q = all_[i].to_local(p);
-           if (glm::all(glm::greaterThanEqual(q, local_lo_)) && glm::all(glm::lessThanEqual(q, local_hi_)))
-             visit(size_t{i});
-         });
+    each_near(p, p, [&](size_t i) {
+      const dvec3 q = all_[i].to_local(p);
+      if (glm::all(glm::greaterThanEqual(q, local_lo_)) && glm::all(glm::lessThanEqual(q, local_hi_))) visit(i);
+    });
   }
   /// The same for all whose world boxes may overlap another box.
   template <class Visit>
   void each_near(const dvec3& lo, const dvec3& hi, const Visit& visit) const {
-    walk([&](const Node& n, size_t k) { return n.overlaps(k, lo, hi); }, [&](uint32_t i) { visit(size_t{i}); });
+    each_box(lo, hi, visit);
   }
   /// The part of a world ray in an instance's box, from 0 to t_max; empty (first >= second) where there is none.
   std::pair<double, double> part(size_t number, const Ray& ray, double t_max) const;
 
  private:
-  static constexpr size_t kWide = 4, kDeepest = 128, kMostAround = 12;
-  /// Four boxes side by side, each of a node or of a few instances; axis by axis.
-  struct Node {
-    float lo[3][kWide], hi[3][kWide];          // rounded outwards
-    uint32_t first[kWide], count[kWide] = {};  // count: of instances; 0: `first` is a node
-    dvec3 lo_of(size_t k) const { return {lo[0][k], lo[1][k], lo[2][k]}; }
-    dvec3 hi_of(size_t k) const { return {hi[0][k], hi[1][k], hi[2][k]}; }
-    bool overlaps(size_t k, const dvec3& from, const dvec3& to) const {
-      return glm::all(glm::lessThanEqual(lo_of(k), to)) && glm::all(glm::greaterThanEqual(hi_of(k), from));
-    }
-  };
+  static constexpr size_t kMostAround = 12;
   struct Around {
     uint32_t first = 0, count = 0;  // in listed_; count: more than kMostAround are not listed
   };
-  /// A ray against boxes.
-  struct Slabs {
-    explicit Slabs(const Ray& ray) : o(ray.o), inverse(1.0 / ray.d) {}
-    /// The parameter at which it comes into a box; not a number, which is not below any other, where it never does.
-    double enters(const dvec3& lo, const dvec3& hi) const {
-      double t0 = 0, t1 = std::numeric_limits<double>::infinity();
-      for (int a = 0; a < 3; ++a) {
-        // Not a number where the ray lies in a face, which then says nothing.
-        const double x = (lo[a] - o[a]) * inverse[a], y = (hi[a] - o[a]) * inverse[a];
-        t0 = std::max(t0, std::min(x, y));
-        t1 = std::min(t1, std::max(x, y));
-      }
-      return t0 <= t1 ? t0 : kNever;
-    }
-    dvec3 o, inverse;
-  };
-  static constexpr double kNever = std::numeric_limits<double>::quiet_NaN();
-
-  template <class Meets, class Visit>
-  void walk(const Meets& meets, const Visit& visit) const {
-    std::array<uint32_t, kDeepest> stack;
-    size_t waiting = 0;
-    stack[waiting++] = 0;
-    while (waiting > 0) {
-      const Node& node = nodes_[stack[--waiting]];
-      for (size_t k = 0; k < kWide; ++k) {
-        if (!meets(node, k)) continue;
-        if (node.count[k] == 0) stack[waiting++] = node.first[k];
-        for (uint32_t i = 0; i < node.count[k]; ++i) visit(order_[node.first[k] + i]);
-      }
-    }
-  }
+  /// Calls visit(number) for all whose world boxes a ray meets before t_max, the nearest nodes of the tree first, and
+  /// maybe for a few more.
+  /// @param visit  returns the ray parameter beyond which no more are wanted
+  void each_box(const Ray& ray, double t_max, const std::function<double(size_t)>& visit) const;
+  /// The same for those that overlap another box.
+  void each_box(const dvec3& lo, const dvec3& hi, const std::function<void(size_t)>& visit) const;
   using Boxes = std::vector<std::pair<vec3, vec3>>;
-  uint32_t build(size_t begin, size_t end, const Boxes& boxes);
-  size_t halve(size_t begin, size_t end, const Boxes& boxes);
+  void build(uint32_t number, size_t begin, size_t end, const Boxes& boxes);
+  void divide(size_t begin, size_t end, size_t most, const Boxes& boxes, std::vector<size_t>& ends);
   void list_neighbours(const Boxes& boxes);
 
   std::vector<Instance> all_;
-  std::vector<Node> nodes_;
+  std::vector<InstanceNode> nodes_;
   std::vector<uint32_t> order_;  // of the instances under the nodes
   std::vector<Around> around_;   // by instance
   std::vector<uint32_t> listed_;

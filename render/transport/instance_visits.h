@@ -30,7 +30,7 @@ class InstanceVisits {
       own.begins = false;
       instance[slot] = own.first;
       if (own.first >= 0) return true;
-    } else if (own.first >= 0 && !own.told) {
+    } else if (own.first >= 0 && !own.told && end < kUnbounded) {
       // A ray that ends where it began meets no others but those around.
       own.told = true;
       const auto number = static_cast<size_t>(own.first);

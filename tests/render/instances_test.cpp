@@ -15,10 +15,10 @@ namespace {
 
 using test::error_of;
 
-std::vector<Instance> random_instances(Rng& rng, int count, double spread) {
+std::vector<Instance> random_instances(Rng& rng, int count, double spread, const dvec3& middle = dvec3(0)) {
   std::vector<Instance> all;
   for (int i = 0; i < count; ++i) {
-    const dmat4 m = translation(test::random_point(rng, dvec3(-spread), dvec3(spread))) *
+    const dmat4 m = translation(middle + test::random_point(rng, dvec3(-spread), dvec3(spread))) *
                     test::scaling(dvec3(0.3 + rng.uniform())) * test::scaling(dvec3(1, 1, i % 2 ? 1 : -1));
     all.push_back({Placement(m).to_local(), 1.0, dvec3(1)});
   }
@@ -27,10 +27,12 @@ std::vector<Instance> random_instances(Rng& rng, int count, double spread) {
 
 TEST(Instances, AreFoundInTheOrderInWhichARayMeetsThem) {
   Rng rng(1);
-  for (const int count : {1, 2, 3, 17, 500}) {
-    const Instances all(random_instances(rng, count, 6), dvec3(-0.5), dvec3(0.5));
+  // Numbers around those at which the tree gets another level, near the origin and where single precision is coarse.
+  for (const int count : {1, 2, 3, 16, 17, 257, 500, 5000}) {
+    const dvec3 middle = count % 2 ? dvec3(0) : dvec3(0, -40000, 300);
+    const Instances all(random_instances(rng, count, 6, middle), dvec3(-0.5), dvec3(0.5));
     for (int k = 0; k < 300; ++k) {
-      Ray ray{test::random_point(rng, dvec3(-9), dvec3(9)), test::random_direction(rng)};
+      Ray ray{middle + test::random_point(rng, dvec3(-9), dvec3(9)), test::random_direction(rng)};
       if (k % 3 == 0) ray.d = dvec3(k % 2, 1 - k % 2, 0);
       const double t_max = k % 4 == 0 ? 5 : kUnbounded;
       std::vector<Instances::Met> expected, found;
