@@ -286,7 +286,7 @@ Part read_part(Imf::MultiPartInputFile& file, int index, const fs::path& path,
 
 Layers ExrFile::read(const std::function<bool(const std::string&)>& wanted) const try {
   Imf::MultiPartInputFile& file = open_->file;
-  check_own_file(file, path_, {});
+  if (exr() == path_) check_own_file(file, path_, {});
   const PixelWindow display = window_of(file.header(0).displayWindow());
   std::map<std::string, Attribute> header_of_all;
   std::vector<Part> parts;
