@@ -366,7 +366,7 @@ class Settings(EngineTest):
 
     def test_a_target_error_is_reached_and_other_filters_clean(self):
         scene = scenes.smoke_scene(floor=False)
-        scene.brume.use_error, scene.brume.error = True, 0.002
+        scene.brume.use_error, scene.brume.error = True, 0.001
         bpy.context.view_layer.brume.layers = "sample_count"
         counts = self.layer(self.render(), "sample_count", "Y")
         self.assertGreater(counts.max(), counts.min(), "samples went where they were needed")
