@@ -113,6 +113,7 @@ void Instances::build(uint32_t number, size_t begin, size_t end, const Boxes& bo
   else
     for (size_t k = begin; k < end; ++k) ends.push_back(k + 1);
 
+  const auto part_begin = [&](size_t k) { return k == 0 ? begin : ends[k - 1]; };
   const auto first = static_cast<uint32_t>(most > 1 ? nodes_.size() : begin);
   if (most > 1) nodes_.resize(nodes_.size() + ends.size());
   InstanceNode& node = nodes_[number];
@@ -120,15 +121,15 @@ void Instances::build(uint32_t number, size_t begin, size_t end, const Boxes& bo
   node.of_instances = most == 1;
   for (size_t k = 0; k < kWide; ++k) {
     vec3 lo(kNowhere), hi(-kNowhere);
-    for (size_t i = k == 0 ? begin : ends[std::min(k, ends.size()) - 1]; k < ends.size() && i < ends[k]; ++i) {
-      lo = glm::min(lo, boxes[order_[i]].first);
-      hi = glm::max(hi, boxes[order_[i]].second);
-    }
+    if (k < ends.size())
+      for (size_t i = part_begin(k); i < ends[k]; ++i) {
+        lo = glm::min(lo, boxes[order_[i]].first);
+        hi = glm::max(hi, boxes[order_[i]].second);
+      }
     for (int a = 0; a < 3; ++a) node.face[0][a][k] = lo[a], node.face[1][a][k] = hi[a];
   }
   if (most > 1)
-    for (size_t k = 0; k < ends.size(); ++k)
-      build(first + static_cast<uint32_t>(k), k == 0 ? begin : ends[k - 1], ends[k], boxes);
+    for (size_t k = 0; k < ends.size(); ++k) build(first + static_cast<uint32_t>(k), part_begin(k), ends[k], boxes);
 }
 
 void Instances::list_neighbours(const Boxes& boxes) {

@@ -221,10 +221,16 @@ json describe_parts(const ExrInfo& info, std::string& text) {
   return parts;
 }
 
+/// "OpenEXR", or what else is read as one.
+std::string format_of(const std::string& path) {
+  const KnownFile file = known_file(path);
+  return file.kind == FileKind::kOpenExr ? "OpenEXR" : file.what;
+}
+
 int info_exr(const std::string& path, bool as_json) {
   const ExrInfo info = read_exr_info(path);
   json channels = json::array(), header;
-  std::string text = fmt::format("{}: OpenEXR, {} x {}, {}, {} channels\n", path, info.width, info.height,
+  std::string text = fmt::format("{}: {}, {} x {}, {}, {} channels\n", path, format_of(path), info.width, info.height,
                                  info.compression, info.channels.size());
   if (info.data != info.display)
     text += fmt::format("  data window {}, display window {}\n", info.data.text(), info.display.text());

@@ -7,10 +7,6 @@ namespace {
 
 constexpr size_t kValues = offsetof(PathSample, groups) / sizeof(double);
 
-double* values(PathSample& sample) {
-  return &sample.beauty.x;
-}
-
 }  // namespace
 
 void CameraSplits::start(size_t slot, int count) {
@@ -25,7 +21,7 @@ bool CameraSplits::end(size_t slot, const End& end, const vec3& indirect, PathSa
   if (end.first_on_surface) s.surface_indirect += indirect - s.indirect;
   s.indirect = indirect;
   if (sample) {
-    for (size_t k = 0; k < kValues; ++k) values(samples_[slot])[k] += values(*sample)[k];
+    for (size_t k = 0; k < kValues; ++k) samples_[slot].values()[k] += sample->values()[k];
     // What the camera ray has recorded is every path's.
     PathSample next;
     next.optical_depth = sample->optical_depth;
@@ -39,7 +35,7 @@ PathSample CameraSplits::sample(size_t slot) const {
   if (samples_.empty()) return {};
   PathSample mean = samples_[slot];
   mean.groups = nullptr;
-  for (size_t k = 0; k < kValues; ++k) values(mean)[k] *= share(slot);
+  for (size_t k = 0; k < kValues; ++k) mean.values()[k] *= share(slot);
   return mean;
 }
 

@@ -25,6 +25,7 @@ struct PathSample {
   const dvec3* groups = nullptr;
 
   const double* values() const { return &beauty.x; }
+  double* values() { return &beauty.x; }
 };
 
 /// A layer that a render can record, and where a PathSample keeps it.
