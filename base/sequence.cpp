@@ -41,9 +41,16 @@ std::optional<Place> place_at(std::string_view name, size_t at) {
     return Place{at, end - at, digits};
   };
   const std::string_view rest = name.substr(at);
-  if (rest.starts_with('#')) {
-    const size_t end = std::min(name.find_first_not_of('#', at), name.size());
+  // One @ alone is part of many names (icon@2x).
+  if (rest.starts_with('#') || rest.starts_with("@@")) {
+    const size_t end = std::min(name.find_first_not_of(rest.front(), at), name.size());
     return place(end, static_cast<int>(std::min<size_t>(end - at, 1000)));
+  }
+  if (rest.starts_with("<frame>")) return place(at + 7, 0);
+  if (rest.starts_with("<F") || rest.starts_with("<f")) {
+    size_t i = at + 2;
+    const int digits = number(i);
+    if (i < name.size() && name[i] == '>') return place(i + 1, digits);
   }
   if (rest.starts_with("${F")) {
     size_t i = at + 3;

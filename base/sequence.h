@@ -8,8 +8,9 @@
 
 namespace brume {
 
-/// The files of a sequence: a name in which the frame's number stands as "####", "$F", "$F4", "${F4}" or "%04d", at
-/// one place or several, in folders too. "####" and the like give the fewest digits: frame 12345 of "####" has five.
+/// The files of a sequence: a name in which the frame's number stands as "####", "@@@@", "$F", "$F4", "${F4}", "<F4>",
+/// "<frame>" or "%04d", at one place or several, in folders too. "####" and the like give the fewest digits: frame
+/// 12345 of "####" has five.
 class FramePattern {
  public:
   /// Nothing for a name without a number's place. @throws InputError for one of more than nine digits

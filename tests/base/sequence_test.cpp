@@ -25,6 +25,10 @@ TEST(FramePattern, EveryWayOfWritingANumberIsRead) {
   EXPECT_EQ(file("shot_${F}2.exr", 7), "shot_72.exr");
   EXPECT_EQ(file("shot.%04d.exr", 7), "shot.0007.exr");
   EXPECT_EQ(file("shot.%d.exr", 7), "shot.7.exr");
+  EXPECT_EQ(file("shot.@@@@.exr", 7), "shot.0007.exr");
+  EXPECT_EQ(file("shot.<F4>.exr", 7), "shot.0007.exr");
+  EXPECT_EQ(file("shot.<f>.exr", 7), "shot.7.exr");
+  EXPECT_EQ(file("shot.<frame>.exr", 7), "shot.7.exr");
   EXPECT_EQ(file("$F4/shot.##.exr", 7), "0007/shot.07.exr") << "at several places, in folders too";
 }
 
@@ -34,14 +38,17 @@ TEST(FramePattern, ANumberWithMoreDigitsThanItsPlaceIsWrittenInFull) {
 
 TEST(FramePattern, OtherNamesAreNone) {
   for (const char* name :
-       {"shot.0007.exr", "", "$FF.exr", "$FPS.exr", "100%.exr", "%s.exr", "%4d.exr", "${F4.exr", "$f4.exr", "F4.exr"})
+       {"shot.0007.exr", "", "$FF.exr", "$FPS.exr", "100%.exr", "%s.exr", "%4d.exr", "${F4.exr", "$f4.exr", "F4.exr",
+        "icon@2x.exr", "a@b.exr", "<F4.exr", "<UDIM>.exr", "<frames>.exr", "<Fx>.exr"})
     EXPECT_FALSE(FramePattern::of(name)) << name;
   EXPECT_EQ(file_of_frame("smoke.vdb", 7), "smoke.vdb");
   EXPECT_EQ(file_of_frame("smoke.$F4.vdb", 7), "smoke.0007.vdb");
 }
 
 TEST(FramePattern, TooManyDigitsAreRefused) {
-  for (const char* name : {"s.##########.exr", "s.$F10.exr", "s.%010d.exr", "s.${F99999999999999999999}.exr"}) try {
+  for (const char* name : {"s.##########.exr", "s.$F10.exr", "s.%010d.exr", "s.@@@@@@@@@@.exr", "s.<F10>.exr",
+                           "s.${F99999999999999999999}.exr"})
+    try {
       FramePattern::of(name);
       ADD_FAILURE() << name;
     } catch (const InputError& error) {
