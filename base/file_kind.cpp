@@ -8,6 +8,7 @@
 #include <fstream>
 
 #include "base/error.h"
+#include "base/missing_file.h"
 
 namespace brume {
 namespace {
@@ -61,7 +62,7 @@ void check_readable(const std::filesystem::path& path, std::string_view expected
   namespace fs = std::filesystem;
   const auto fail = [&](const std::string& found) { throw InputError(fmt::format("{}: {}", path.string(), found)); };
   std::error_code ignored;
-  if (!fs::exists(path, ignored)) fail("no such file");
+  check_exists(path);
   if (fs::is_directory(path, ignored)) fail(fmt::format("is a folder, expected {}", expected));
   if (!fs::is_regular_file(path, ignored))
     fail(fmt::format("is a pipe or a device, expected {}, which is not read from its beginning to its end", expected));

@@ -186,6 +186,13 @@ std::vector<int> parse_frames(std::string_view text) {
   return frames;
 }
 
+std::vector<int> frames_or_all_of(const fs::path& name, std::string_view text) {
+  if (!text.empty()) return parse_frames(text);
+  std::error_code ignored;
+  const std::optional<FramePattern> pattern = FramePattern::of(name);
+  return pattern && !fs::exists(name, ignored) ? pattern->frames_on_disk() : std::vector<int>();
+}
+
 std::string frames_text(std::span<const int> frames) {
   std::vector<std::string> ranges;
   for (size_t i = 0; i < frames.size();) {

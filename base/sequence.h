@@ -42,6 +42,11 @@ void check_pattern(std::string_view what, const std::filesystem::path& name, std
 /// @throws InputError that says which piece is wrong
 std::vector<int> parse_frames(std::string_view text);
 
+/// The frames that `text` names as parse_frames does; where it is empty those that are there of `name`, of which there
+/// are none where it is no pattern or itself a file.
+/// @throws InputError as parse_frames and FramePattern::of
+std::vector<int> frames_or_all_of(const std::filesystem::path& name, std::string_view text = {});
+
 /// "1-10, 20" for rising frames.
 std::string frames_text(std::span<const int> frames);
 

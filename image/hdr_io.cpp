@@ -13,6 +13,7 @@
 #include <sstream>
 
 #include "base/error.h"
+#include "base/missing_file.h"
 #include "base/text.h"
 
 namespace brume {
@@ -245,7 +246,7 @@ bool is_hdr(const fs::path& path) {
 
 Layers read_hdr(const fs::path& path, const Task& task, std::vector<std::string>* notes) try {
   std::error_code ignored;
-  if (!fs::exists(path, ignored)) throw InputError(fmt::format("{}: no such file", path.string()));
+  check_exists(path);
   if (!fs::is_regular_file(path, ignored))
     throw InputError(fmt::format("{}: is no regular file, expected a Radiance HDR picture", path.string()));
   return HdrReader(path).read(task, notes);

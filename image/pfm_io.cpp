@@ -7,6 +7,7 @@
 #include <fstream>
 
 #include "base/error.h"
+#include "base/missing_file.h"
 #include "base/output_file.h"
 
 namespace brume {
@@ -42,7 +43,7 @@ void write_pfm(const fs::path& path, std::span<const Plane* const> planes) {
 Layers read_pfm(const fs::path& path) try {
   const auto fail = [&](const std::string& what) { throw InputError(fmt::format("{}: {}", path.string(), what)); };
   std::error_code ignored;
-  if (!fs::exists(path, ignored)) fail("no such file");
+  check_exists(path);
   if (!fs::is_regular_file(path, ignored)) fail("is no regular file, expected a portable float map");
   std::ifstream stream(path, std::ios::binary);
   std::string kind;

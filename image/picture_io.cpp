@@ -7,6 +7,7 @@
 #include <memory>
 
 #include "base/error.h"
+#include "base/missing_file.h"
 #include "base/output_file.h"
 #include "image/color.h"
 #include "image/exr_io.h"
@@ -31,11 +32,6 @@ namespace brume {
 namespace fs = std::filesystem;
 
 namespace {
-
-void check_exists(const fs::path& path) {
-  std::error_code ignored;
-  if (!fs::exists(path, ignored)) throw InputError(fmt::format("{}: no such file", path.string()));
-}
 
 template <class T, class Decode>
 Layers from_interleaved(const T* rgb, int width, int height, const Decode& decode) {

@@ -7,6 +7,7 @@
 #include <numeric>
 
 #include "base/error.h"
+#include "base/missing_file.h"
 #include "image/checksum.h"
 
 namespace brume {
@@ -75,7 +76,8 @@ void RecordWriter::commit() {
 
 RecordReader::RecordReader(const std::filesystem::path& path) : path_(path), stream_(path, std::ios::binary) {
   const auto fail = [&](const std::string& what) { throw InputError(fmt::format("{}: {}", path.string(), what)); };
-  if (!stream_) fail("no such file");
+  check_exists(path);
+  if (!stream_) fail("cannot be opened");
   std::string magic, header;
   std::getline(stream_, magic);
   if (magic != kMagic) fail("not a file of sample records; expected one written by brume render --records");

@@ -6,6 +6,7 @@
 #include <sstream>
 
 #include "base/error.h"
+#include "base/missing_file.h"
 #include "base/output_file.h"
 #include "base/text.h"
 #include "evaluate/metrics/metric.h"
@@ -178,7 +179,7 @@ std::vector<ExperimentScene> scenes_of(const toml::value& root, const fs::path& 
     const fs::path file = folder / toml::get<std::string>(entry);
     std::error_code ignored;
     if (!fs::exists(file, ignored))
-      fail_at(fmt::format("a scene is {}: no such file", file.string()), entry,
+      fail_at(fmt::format("a scene is {}: {}", file.string(), missing_file(file)), entry,
               "expected a file; its path starts at the experiment's folder");
     scenes.push_back({file, "", {}});
   }

@@ -7,6 +7,7 @@
 #include <set>
 
 #include "base/error.h"
+#include "base/missing_file.h"
 #include "base/text.h"
 #include "render/scene/toml_table.h"
 #include "workflows/open_frame.h"
@@ -208,7 +209,8 @@ ForeignFrame picture_of(const toml::value& root, const ExrInfo& file) {
 std::vector<ForeignFrame> read_map(const std::filesystem::path& map, const ExrInfo& file) {
   const std::string path = map.string();
   std::ifstream stream(path, std::ios::binary);
-  if (!stream) throw InputError(fmt::format("{}: no such file", path));
+  check_exists(map);
+  if (!stream) throw InputError(fmt::format("{}: cannot be opened", path));
   return {picture_of(parse_toml(stream, path), file)};
 }
 

@@ -6,6 +6,7 @@
 #include <cstdio>
 
 #include "base/error.h"
+#include "base/missing_file.h"
 #include "base/output_file.h"
 #include "base/sequence.h"
 #include "image/exr_deep.h"
@@ -470,7 +471,7 @@ SequenceEnd render_sequence(const RenderOptions& options, const std::vector<int>
     own.sequence = options.scene;
     if (made) {
       own.save_scene.clear();
-      if (!of_pattern && !fs::exists(own.scene)) throw InputError(fmt::format("{}: no such file", own.scene.string()));
+      if (!of_pattern) check_exists(own.scene);
       own.scene_text = made->text(own.scene.filename().string());
     }
     for (const fs::path& name :

@@ -143,9 +143,9 @@ std::string table_of(const SequenceComparison& sequence) {
   return text + policy_line(sequence.policy(), sequence.two_references());
 }
 
-int run_sequence(const Options& o, const Common& common) {
+int run_sequence(const Options& o, std::vector<int> frames, const Common& common) {
   const Host host = make_host(common);
-  SequenceComparison sequence(o.how, o.contact_sheet, parse_frames(o.frames));
+  SequenceComparison sequence(o.how, o.contact_sheet, std::move(frames));
   std::vector<std::string> failures;
   for (const int number : sequence.frames()) {
     Pictures p(o, number, host);
@@ -181,14 +181,16 @@ void add_compare(CLI::App& app, Common& common, Commands& commands) {
   command("--json", common.json, "as one JSON object");
   command(
       "--frames", o.frames,
-      "compare these frames of sequences, whose names have ####, $F4 or %04d: the error of each, and how much the picture flickers beyond its reference");
+      "compare these frames of sequences, whose names have ####, $F4 or %04d, unless given all that are there: the error of each, and how much the picture flickers beyond its reference");
   command(
       "--contact-sheet", o.contact_sheet,
-      "with --frames: a PNG of up to twelve of them side by side, with their errors and how wrongly they change in false colour")
-      ->needs("--frames");
+      "of a sequence: a PNG of up to twelve frames side by side, with their errors and how wrongly they change in false colour");
   commands[command] = [options, &common] {
     options->how.clip = !options->no_clip;
-    return options->frames.empty() ? run(*options, common) : run_sequence(*options, common);
+    std::vector<int> frames = frames_or_all_of(options->picture, options->frames);
+    if (frames.empty() && !options->contact_sheet.empty())
+      throw InputError("--contact-sheet shows the frames of a sequence; expected --frames");
+    return frames.empty() ? run(*options, common) : run_sequence(*options, std::move(frames), common);
   };
 }
 

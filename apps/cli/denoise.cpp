@@ -46,8 +46,7 @@ DenoiseOptions parsed(const Options& o) {
   return options;
 }
 
-int run_sequence(const Options& o, const DenoiseOptions& options, const Host& host) {
-  const std::vector<int> frames = parse_frames(o.frames);
+int run_sequence(const Options& o, const std::vector<int>& frames, const DenoiseOptions& options, const Host& host) {
   const FrameFiles& names = o.files;
   for (const auto& [option, name] : {std::pair("FRAME", &names.frame),
                                      {"--second", &names.second},
@@ -72,7 +71,8 @@ int run_sequence(const Options& o, const DenoiseOptions& options, const Host& ho
 int run(const Options& o, const Common& common) {
   const DenoiseOptions options = parsed(o);
   const Host host = make_host(common);
-  if (!o.frames.empty()) return run_sequence(o, options, host);
+  const std::vector<int> frames = frames_or_all_of(o.files.frame, o.frames);
+  if (!frames.empty()) return run_sequence(o, frames, options, host);
   if (options.resume) throw InputError("--resume leaves out the complete frames of a sequence; expected --frames");
   if (!o.video.empty()) throw InputError("--video shows the frames of a sequence; expected --frames");
   denoise_frame(o.files, options, host);
@@ -137,7 +137,7 @@ void add_denoise(CLI::App& app, Common& common, Commands& commands) {
       ->check(CLI::Range(0, 100));
   command(
       "--frames", o.frames,
-      "clean these: 7, 1-240, 1-240x2, or several with commas between; names with ####, $F4 or %04d stand for the files of each. A frame that fails is named, and the others go on");
+      "clean these: 7, 1-240, 1-240x2, or several with commas between; names with ####, $F4 or %04d stand for the files of each, and without this option for all that are there. A frame that fails is named, and the others go on");
   command("--resume", o.denoise.resume, "with --frames: leave out those that are there, whole, made from the same");
   command("--video", o.video, "with --frames and --png: also a film of the PNGs, where ffmpeg is there");
   command("--frame-rate", o.frame_rate, "of the film [1/s]")->check(CLI::Range(1.0, 1000.0))->capture_default_str();

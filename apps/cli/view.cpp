@@ -29,10 +29,7 @@ bool is_loopback(const std::string& host) {
 
 int run(const Options& o, const Common& common) {
   ViewOptions view = o.view;
-  if (!o.frames.empty())
-    view.frames = parse_frames(o.frames);
-  else if (const auto pattern = FramePattern::of(view.scene); pattern && !std::filesystem::exists(view.scene))
-    view.frames = pattern->frames_on_disk();
+  view.frames = frames_or_all_of(view.scene, o.frames);
   check_viewable(view);
   if (!is_loopback(o.server.host))
     warn(

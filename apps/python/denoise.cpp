@@ -101,19 +101,10 @@ py::list denoise_list(const py::sequence& frames, const py::object& guides, cons
   return result;
 }
 
-/// Whether a name stands for the files of a sequence.
-bool is_pattern(const std::string& name) {
-  std::error_code error;
-  return FramePattern::of(name) && !std::filesystem::exists(name, error);
-}
-
 py::object denoise_files(const FrameFiles& files, std::vector<int> numbers, const DenoiseOptions& options, int threads,
                          const py::object& progress) {
-  const bool sequence = !numbers.empty() || is_pattern(files.frame);
-  if (sequence && numbers.empty()) {
-    numbers = FramePattern::of(files.frame)->frames_on_disk();
-    if (numbers.empty()) throw InputError(fmt::format("{}: no file of that name is there", files.frame.string()));
-  }
+  if (numbers.empty()) numbers = frames_or_all_of(files.frame);
+  const bool sequence = !numbers.empty();
   for (const auto& [what, name] : {std::pair("layers", &files.frame),
                                    {"second", &files.second},
                                    {"output", &files.output},

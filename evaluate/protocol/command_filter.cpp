@@ -8,6 +8,7 @@
 #include <thread>
 
 #include "base/command.h"
+#include "base/missing_file.h"
 #include "base/scratch_folder.h"
 #include "base/text.h"
 #include "evaluate/protocol/cache.h"
@@ -322,8 +323,7 @@ std::string key_of(const CommandFilter& settings, const CommandParser& parsed, c
     for (const std::string& name : names)
       if (const fs::path path = settings.folder / name; !name.empty() && fs::is_regular_file(path, ignored))
         key += fmt::format("\nfile {} {}", name, Cache::hash_contents(path));
-    if (!text->starts_with('-') && is_script(*text) && !fs::exists(settings.folder / *text, ignored))
-      throw InputError(fmt::format("{}: no such file", (settings.folder / *text).string()));
+    if (!text->starts_with('-') && is_script(*text)) check_exists(settings.folder / *text);
   }
   for (const fs::path& path : settings.depends) key += fmt::format("\ndepends {}", Cache::hash_contents(path));
   return key;

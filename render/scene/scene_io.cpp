@@ -8,6 +8,7 @@
 
 #include "base/error.h"
 #include "base/file_kind.h"
+#include "base/missing_file.h"
 #include "base/text.h"
 #include "render/scene/camera_keys.h"
 #include "render/scene/light_groups.h"
@@ -448,7 +449,7 @@ namespace {
 /// A scene file, opened. @throws InputError
 std::ifstream open_scene(const fs::path& path) {
   std::error_code ignored;
-  if (!fs::exists(path, ignored)) throw InputError(fmt::format("{}: no such file", path.string()));
+  check_exists(path);
   if (fs::is_directory(path, ignored))
     throw InputError(fmt::format("{}: is a folder, expected a scene file (TOML)", path.string()));
   if (const KnownFile file = known_file(path); !file.what.empty())

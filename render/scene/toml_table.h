@@ -25,6 +25,7 @@ inline void toml::detail::skip_comment_block(location& at, const context<type_co
 #endif
 #include <toml.hpp>
 
+#include "base/missing_file.h"
 #include "base/sequence.h"
 #include "base/text.h"
 #include "base/toml_text.h"
@@ -112,7 +113,7 @@ class TomlTable {
     std::error_code ignored;
     for (const auto& [key, path, name] : files_)
       if (!std::filesystem::exists(path, ignored))
-        fail_at(fmt::format("'{}' of {} is {}: no such file", key, where_, path.string()), table_.at(key),
+        fail_at(fmt::format("'{}' of {} is {}: {}", key, where_, path.string(), missing_file(path)), table_.at(key),
                 "expected a file; its path starts at the folder of the file that names it");
   }
 

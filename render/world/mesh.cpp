@@ -10,6 +10,7 @@
 #include <string_view>
 
 #include "base/error.h"
+#include "base/missing_file.h"
 #include "base/rng.h"
 #include "render/world/obj_file.h"
 #include "render/world/ply_file.h"
@@ -116,7 +117,7 @@ std::string content_of(const TriangleMesh& mesh) {
 
 TriangleMesh read_mesh(const fs::path& path) try {
   std::error_code error;
-  if (!fs::exists(path, error)) fail(path, "no such file");
+  check_exists(path);
   if (fs::is_directory(path, error)) fail(path, "is a folder, expected a mesh (OBJ or PLY)");
   char magic[4] = {};
   std::ifstream(path, std::ios::binary).read(magic, 3);

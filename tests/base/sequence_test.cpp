@@ -57,6 +57,16 @@ TEST(FramePattern, TooManyDigitsAreRefused) {
     }
 }
 
+TEST(FramesOrAll, ANameWithAPlaceStandsForAllThatAreThere) {
+  const test::TemporaryFolder folder;
+  for (const char* name : {"s.0010.exr", "s.0002.exr", "take#2.exr"}) test::write_file(folder / name, "");
+  EXPECT_EQ(frames_or_all_of(folder / "s.####.exr"), (Frames{2, 10}));
+  EXPECT_EQ(frames_or_all_of(folder / "s.####.exr", "3-4"), (Frames{3, 4})) << "what is asked for, there or not";
+  EXPECT_TRUE(frames_or_all_of(folder / "s.0002.exr").empty());
+  EXPECT_TRUE(frames_or_all_of(folder / "take#2.exr").empty()) << "a file is itself";
+  EXPECT_TRUE(frames_or_all_of(folder / "none.####.exr").empty());
+}
+
 TEST(FramePattern, FindsTheFramesThatThereAre) {
   const test::TemporaryFolder folder;
   for (const char* name : {"s.0010.exr", "s.0002.exr", "s.12345.exr", "s.002.exr", "s.00002.exr", "s.0003.exr.part",

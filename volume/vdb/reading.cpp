@@ -10,6 +10,7 @@
 #include <mutex>
 
 #include "base/error.h"
+#include "base/missing_file.h"
 #include "base/parallel_for.h"
 #include "volume/stored_values.h"
 #include "volume/vdb/leaves.h"
@@ -171,7 +172,7 @@ void initialize() {
 std::unique_ptr<openvdb::io::File> open(Reading& reading, const fs::path& path) {
   initialize();
   std::error_code error;
-  if (!fs::exists(path, error)) fail(path, "no such file");
+  check_exists(path);
   if (fs::is_directory(path, error)) fail(path, "is a folder, expected an OpenVDB file");
   if (!fs::is_regular_file(path, error)) fail(path, "is no regular file, expected an OpenVDB file");
   const uint64_t size = fs::file_size(path, error);

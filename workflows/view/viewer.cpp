@@ -8,6 +8,7 @@
 #include <utility>
 
 #include "base/error.h"
+#include "base/missing_file.h"
 #include "base/sequence.h"
 #include "image/light_layers.h"
 #include "image/packed_half.h"
@@ -35,8 +36,7 @@ void check_viewable(const ViewOptions& options) {
   });
   const int frame = options.frames.empty() ? 0 : there == options.frames.end() ? options.frames.front() : *there;
   const std::filesystem::path file = file_of_frame(options.scene, frame);
-  if (std::error_code error; !std::filesystem::exists(file, error))
-    throw InputError(fmt::format("{}: no such file", file.string()));
+  check_exists(file);
   if (is_volume(file)) return;
   std::vector<std::string> overrides = options.overrides;
   if (!options.frames.empty()) overrides.push_back(fmt::format("render.frame={}", frame));
