@@ -58,6 +58,18 @@ bool both_show(const RgbPlanes& a, const RgbPlanes& b, const FrameSpace& space, 
   return !meet_by_chance(in_one, around);
 }
 
+/// The brightnesses of pixels that are bright in one half alone, in order.
+std::vector<double> bright_in_one(const RgbPlanes& a, const RgbPlanes& b, const FrameSpace& space) {
+  std::vector<double> found;
+  for (int y = 0; y < a[0]->height(); ++y)
+    for (int x = 0; x < a[0]->width(); ++x) {
+      const double of_a = luminance_at(a, space, x, y), of_b = luminance_at(b, space, x, y);
+      if (kAgreement * std::min(of_a, of_b) < std::max(of_a, of_b)) found.push_back(std::max(of_a, of_b));
+    }
+  std::sort(found.begin(), found.end());
+  return found;
+}
+
 /// One colour of everything that is known of a signal, and whether it goes with the square of it.
 std::vector<std::pair<Plane*, bool>> planes_of(Layers& frame, const LayerName& signal, size_t c) {
   std::vector<std::pair<Plane*, bool>> planes;
@@ -147,6 +159,15 @@ std::vector<Extreme> find_extremes(const Layers& frame, const LayerName& signal,
     for (const LayerName& l : predictions) sum += luminance_at(frame.rgb(l), space, x, y);
     return sum;
   };
+  // Where guides know of no such point, chance is held against all of the frame, as some of its many pixels may well be
+  // bright in both halves.
+  const std::vector<double> singles =
+      halves && !predictions.empty() ? bright_in_one(a, b, space) : std::vector<double>();
+  const auto by_chance = [&](int x, int y) {
+    const double least = std::min(luminance_at(a, space, x, y), luminance_at(b, space, x, y));
+    const auto brighter = singles.end() - std::upper_bound(singles.begin(), singles.end(), least);
+    return meet_by_chance(static_cast<int>(brighter), width * height);
+  };
   std::vector<std::vector<Extreme>> rows(static_cast<size_t>(height));
   for_each_row(height, quiet(task), [&](int y) {
     std::vector<double> values;
@@ -166,9 +187,10 @@ std::vector<Extreme> find_extremes(const Layers& frame, const LayerName& signal,
       if (2 * like_it >= around) continue;
       double level = surrounding_level(mean, space, x, y, values);
       if (!(light > ratio * (level + typical))) continue;
-      const bool kept = halves ? both_show(a, b, space, light, x, y) : kLoneRatio * brightest > light;
+      const double known = expected(x, y);
+      const bool is_point = predictions.empty() || light < kAgreement * known || !halves || !by_chance(x, y);
+      const bool kept = is_point && (halves ? both_show(a, b, space, light, x, y) : kLoneRatio * brightest > light);
       if (!kept) {
-        const double known = expected(x, y);
         if (!(light > ratio * (known + typical))) continue;
         level = std::max(level, known);
       }

@@ -20,9 +20,9 @@ bool meet_by_chance(int in_one, int pixels);
 /// around it (without the brightest twentieth) plus the median of the frame's lit pixels, and where fewer than half of
 /// the 5 x 5 pixels around it have a quarter of it. K is 100 / sqrt(samples per pixel), at least 10: the noise of paths
 /// stays below it but for the strongest forward scattering (docs/methods.md). It is real where both half images show
-/// it and too few pixels around are as bright in one half alone for two of these to meet by chance, without halves
-/// where another of the 5 x 5 has half of it: a lamp, a star. Otherwise it is one sample, and only extreme if it is
-/// also more than K times what the guides predict there.
+/// it and too few pixels around (of the frame, where guides do not predict it) are as bright in one half alone for two
+/// of these to meet by chance, without halves where another of the 5 x 5 has half of it: a lamp, a star. Otherwise it
+/// is one sample, and only extreme if it is also more than K times what the guides predict there.
 std::vector<Extreme> find_extremes(const Layers& frame, const LayerName& signal, const Task& task);
 
 /// What was done about them.

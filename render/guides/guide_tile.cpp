@@ -17,6 +17,8 @@ constexpr double kAlike = 0.02;
 constexpr double kAlikeSky = 0.95, kClear = 0.9;
 // Highlights of a metal that differ from those of a pixel beside it by more, of all that both show, need sixteen rays.
 constexpr double kHighlightEdge = 0.1;
+// The same of light that media beside a small lamp scatter once.
+constexpr double kBeamEdge = 0.1;
 
 vec3 scaled(const dvec3& colour, double value) {
   return vec3(colour * value);
@@ -53,7 +55,10 @@ void GuideTile::record(const ivec2& corner, const ivec2& from, const ivec2& to, 
   if (!march_.sketch_)
     for (const size_t p : plain)
       if (pixels_[p].mirrored_edge && traced_[p].across == across) at_edges.push_back(p);
-  if (!march_.sketch_) find_highlight_edges(plain, to.x - from.x, at_edges);
+  if (!march_.sketch_) {
+    find_highlight_edges(plain, to.x - from.x, at_edges);
+    find_beams(plain, to.x - from.x, at_edges);
+  }
   std::sort(at_edges.begin(), at_edges.end());
   at_edges.erase(std::unique(at_edges.begin(), at_edges.end()), at_edges.end());
   trace(at_edges, PixelRays::kMostAcross);
@@ -95,6 +100,25 @@ void GuideTile::find_highlight_edges(const std::vector<size_t>& plain, int width
   }
 }
 
+// Beside a spot its beam is as narrow as a pixel.
+void GuideTile::find_beams(const std::vector<size_t>& plain, int width, std::vector<size_t>& found) const {
+  const auto once = [&](size_t p) {
+    double sum = 0;
+    for (const MarchedLight& light : march_.scenes_[0].lights)
+      if (!light.sun) sum += pixels_[p].groups[light.group].single;
+    return sum;
+  };
+  for (const size_t p : plain) {
+    if (!traced_[p].near_lamp) continue;
+    for (const size_t beside : {p + 1, p + static_cast<size_t>(width)}) {
+      const bool next = beside < traced_.size() && (beside != p + 1 || (p + 1) % static_cast<size_t>(width) != 0);
+      if (!next) continue;
+      const double a = once(p), b = once(beside);
+      if (std::abs(a - b) > kBeamEdge * (a + b)) found.insert(found.end(), {p, beside});
+    }
+  }
+}
+
 void GuideTile::trace(const std::vector<size_t>& pixels, int across) {
   if (pixels.empty()) return;
   for (const size_t p : pixels) {
@@ -127,6 +151,7 @@ void GuideTile::begin(size_t pixel, int number, const CameraSample& sample, cons
                                   : hit ? hit->t
                                         : kFar,
                                   sample.stride, sample.offset, march_.fields_.lattice(), pixels_[pixel], batch_);
+  traced_[pixel].near_lamp |= marched.lamps > 0 && !marched.misses();
   if (!deep_) return;
   std::vector<DeepRay>& deep = deep_rays_[pixel];
   if (deep.size() <= static_cast<size_t>(number)) deep.emplace_back();

@@ -28,6 +28,7 @@ class GuideTile {
     bool alike = true;
     std::optional<uint32_t> surface = {};
     double darkest = kFar, brightest = 0;  ///< sky behind
+    bool near_lamp = false;
   };
   /// A camera ray and what ends it.
   struct CameraRay {
@@ -41,6 +42,7 @@ class GuideTile {
 
   /// Adds pixels of metals whose highlights are unlike those beside them.
   /// @param plain  pixels that are traced   @param width  of the tile
+  void find_beams(const std::vector<size_t>& plain, int width, std::vector<size_t>& found) const;
   void find_highlight_edges(const std::vector<size_t>& plain, int width, std::vector<size_t>& found) const;
   void trace(const std::vector<size_t>& pixels, int across);
   /// One ray of each of the pixels.

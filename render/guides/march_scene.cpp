@@ -14,6 +14,8 @@ namespace {
 
 // Of the largest density in a voxel: gradients below it count less, because their direction means little.
 constexpr double kGentleGradient = 0.03;
+// Steps are as short as this share of the distance to a small lamp, within as many steps of it.
+constexpr float kNearLamp = 8, kShortestStep = 1.0f / 32;
 // Steps at once where all media are homogeneous, as far as they are as thin as this: so many in shadows that a sun
 // casts through grids, elsewhere as far as the light at nodes is linear; and of the distance to a lamp.
 constexpr double kEvenStride = 4, kEvenThickness = 0.1, kEvenNodes = 0.5, kEvenDistance = 1.0 / 16;
@@ -224,6 +226,13 @@ MarchedRay& MarchScene::aim(const Ray& ray, double t_max, double stride, double 
               lit_end = alone ? own_.moved(0, end, middle) : end;
   set_place(to.nodes, table.to_lattice(lit_start), (lit_end - lit_start) / table.spacing);
   for (size_t k = 0; k < lights.size(); ++k) {
+    const dvec3* const lamp = lights[k].sun ? nullptr : base_of(lights[k].light->light()).centre();
+    if (lamp) {
+      const dvec3 off = *lamp - ray.at(to.start);
+      const double along = glm::dot(off, ray.d), squared = std::max(0.0, glm::dot(off, off) - along * along);
+      if (squared < kNearLamp * kNearLamp * step * step)
+        to.lamp[to.lamps++] = vec2(along / step, squared / (step * step));
+    }
     if (!lights[k].sun) continue;
     const SunDepth::Line line = lights[k].sun->line(ray);
     set_place(to.light[k], line.start + to.start * line.along, step * line.along);
@@ -246,6 +255,15 @@ MarchScene::Point MarchScene::at(MarchedRay& ray, float t) const {
           vec3(step * step * gradient),
           vec3(found.tint),
           static_cast<float>(found.seen)};
+}
+
+float MarchScene::step_near_lamps(const MarchedRay& ray, float t) {
+  float longest = 1;
+  for (uint32_t i = 0; i < ray.lamps; ++i) {
+    const float along = t - ray.lamp[i].x;
+    longest = std::min(longest, std::sqrt(along * along + ray.lamp[i].y) / kNearLamp);
+  }
+  return std::max(longest, kShortestStep);
 }
 
 float MarchScene::even_steps(const MarchedRay& ray, float t, float end) const {

@@ -93,12 +93,15 @@ struct MarchedRay {
   std::optional<MediaLine> line;                  ///< where media are not looked up in vectors
   std::vector<std::pair<double, double>> uneven;  ///< where media are not of closed form
   double level = 0;                               ///< the longest step through layers [world units]
-  float stride = 1;                               ///< steps are so many times longer, except in thick media
-  float offset = 0;                               ///< share of a step by which the first one is shortened
-  uint32_t first_part = 0, last_part = 0;         ///< of MarchBatch::parts
-  GuideSums* sums = nullptr;                      ///< to which light is added that fields at nodes and emission have
-  OrderTint tint;                                 ///< of the media; of unlike ones the last one
-  DeepSteps* deep = nullptr;                      ///< keeps what is seen of each step; null: nothing
+  /// Small lamps that it passes within a few steps: where, and the squared distance there [steps^2].
+  std::array<vec2, kMostSharpLights> lamp;
+  uint32_t lamps = 0;
+  float stride = 1;                        ///< steps are so many times longer, except in thick media
+  float offset = 0;                        ///< share of a step by which the first one is shortened
+  uint32_t first_part = 0, last_part = 0;  ///< of MarchBatch::parts
+  GuideSums* sums = nullptr;               ///< to which light is added that fields at nodes and emission have
+  OrderTint tint;                          ///< of the media; of unlike ones the last one
+  DeepSteps* deep = nullptr;               ///< keeps what is seen of each step; null: nothing
 
   float transmittance = 1, scaled_transmittance = 1;  ///< scaled: without the forward peak
   float opacity = 0;                                  ///< sum of the weights of what is seen
@@ -159,6 +162,8 @@ class MarchScene {
     float seen;                            ///< share of the extinction that is of no holdout; albedo is of that
   };
   Point at(MarchedRay& ray, float t) const;
+  /// The longest step beside small lamps, in steps: short beside the distance from them.
+  static float step_near_lamps(const MarchedRay& ray, float t);
   /// How many steps can be taken at once from t on.
   float even_steps(const MarchedRay& ray, float t, float end) const;
   /// Adds emission. @param straight  length of what emits times its transmittance

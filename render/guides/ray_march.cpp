@@ -227,6 +227,7 @@ class RayMarch {
     }
     nodes_.set(lane, ray.nodes);
     for (size_t k = 0; k < scene_.lights.size(); ++k) light_[k].begin(lane, ray.light[k], ray.turned[k]);
+    near_ = ray.lamps > 0 ? near_ | 1u << lane : near_ & ~(1u << lane);
     stride_[lane] = ray.stride;
     offset_[lane] = ray.offset;
     for (Lane* one : {&left_, &left2_, &left4_, &left8_, &left_scaled_}) (*one)[lane] = 1;
@@ -267,6 +268,7 @@ class RayMarch {
   HWY_INLINE void step();
   HWY_INLINE void take(M active, V t, V middle, V length, V next, V thickness, const MediaAt& media);
   HWY_INLINE V step_length(M active, V t) const;
+  V step_near_lamps(V t) const;
   HWY_INLINE MediaAt media_at(M active, V t) const;
   HWY_INLINE void add_grid(const MarchedGrid& grid, const V3& p, M active, MediaAt& sum) const;
   HWY_INLINE void add_shape(size_t shape, V t, M active, MediaAt& sum) const;
@@ -289,7 +291,7 @@ class RayMarch {
   const float to_lights_;
   const vec3 lights_origin_;
   size_t next_ = 0;
-  uint32_t busy_ = 0;
+  uint32_t busy_ = 0, near_ = 0;  // lanes; those that pass a lamp
   MarchedRay* ray_[hn::MaxLanes(D())] = {};
   uint32_t part_[hn::MaxLanes(D())] = {};
   Line grid_[kMostMarchedGrids], nodes_;
@@ -316,6 +318,16 @@ HWY_INLINE V RayMarch::step_length(M active, V t) const {
     steps[lane] = scene_.even_steps(ray, from, end_[lane]);
   });
   return hn::Max(length, stride * steps.load());
+}
+
+/// As MarchScene has it, of the rays that pass a lamp; else 1.
+V RayMarch::step_near_lamps(V t) const {
+  Lane longest;
+  longest.store(set(1.0f));
+  for_each_lane(mask_of(near_ & busy_), t, [&](size_t lane, MarchedRay& ray, float from) {
+    longest[lane] = MarchScene::step_near_lamps(ray, from);
+  });
+  return longest.load();
 }
 
 /// Adds what a grid has at a point to what all media have; albedo and the like times extinction.
@@ -441,6 +453,12 @@ HWY_INLINE void RayMarch::step() {
   // As long as what is left of the step; where nothing is, of the next one.
   const V rest = length - late;
   length = hn::Min(hn::IfThenElse(rest > zero, rest, rest + 1.0f), end - t);
+  M at_lamp = zero > zero;
+  if (near_ & busy_) {
+    const V longest = step_near_lamps(t);
+    at_lamp = longest < 1.0f;
+    length = hn::IfThenElse(at_lamp, hn::Min(length, longest), length);
+  }
   const V middle = t + 0.5f * length, next = t + length;
   const MediaAt media = media_at(active, middle);
   const V extinction = hn::IfThenElseZero(active, media.extinction);
@@ -448,7 +466,8 @@ HWY_INLINE void RayMarch::step() {
   extinction_.store(active, extinction);
   const M any = thickness > zero;
 
-  const M full = hn::And(any, hn::Or(middle >= segment_end_.load(), segment_.thickness.load() > kLightThickness));
+  const M ends = hn::Or(middle >= segment_end_.load(), segment_.thickness.load() > kLightThickness);
+  const M full = hn::And(any, hn::Or(ends, at_lamp));
   if (!hn::AllFalse(d, full)) {
     add_light(full);
     segment_.clear(full);

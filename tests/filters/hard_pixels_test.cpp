@@ -228,6 +228,26 @@ TEST(BrightPixels, SamplesThatMeetByChanceAreNoPoint) {
   }
 }
 
+// Of many pixels some are bright in both halves, though none around them is bright in one. Guides know what light there is.
+TEST(BrightPixels, ThatGuidesDoNotKnowAreHeldAgainstChanceInAllOfTheFrame) {
+  const FilterSettings f = parse_filter("transport_regression");
+  for (const float value : {60.0f, 1e5f}) {
+    const auto shown = [&](int singles, bool guided) {
+      Layers hit = with_bright_pixel(sampled_frame(128, 128, 16, 0.2, 8, flat), value, /*one_sample=*/false);
+      for (int i = 0; i < singles; ++i)
+        hit = with_bright_pixel(std::move(hit), value, /*one_sample=*/true, 5 + 14 * (i % 3), 5 + 9 * (i / 3));
+      if (guided) {
+        for (Plane* p : hit.add_rgb(guide_layer::predicted_indirect)) *p = Plane(128, 128, 0.5f);
+        hit.add(guide_layer::opacity.channel(0)) = Plane(128, 128, 1.0f);
+      }
+      return apply_filter(f, hit, {}, {}).at("G")(64, 60) / value;
+    };
+    EXPECT_GT(shown(36, /*guided=*/false), 0.5) << value;
+    EXPECT_LT(shown(36, /*guided=*/true), 0.1f + 2 / value) << value;
+    EXPECT_GT(shown(0, /*guided=*/true), 0.5) << value;
+  }
+}
+
 TEST(BrightPixels, AreNotFoundInSkewedNoise) {
   for (const int samples : {1, 4, 16, 64}) {
     Layers frame = sampled_frame(128, 128, samples, 0, 9, flat);

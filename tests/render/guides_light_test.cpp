@@ -228,6 +228,37 @@ TEST(ScatteringSolver, LightBesideABeamIsTheTracers) {
   EXPECT_NEAR(all / all_expected, 1.0, 0.06);
 }
 
+// A spot's beam is as narrow as a pixel beside it: steps as long as elsewhere make single pixels three times too
+// bright.
+TEST(Guides, OfABeamBesideItsSpotAreTheMeanOverThePixel) {
+  constexpr int kFiner = 8;
+  Scene scene = read_scene(test::source("bench/scenes/general/fog_and_spot.toml"));
+  scene.surfaces.clear();
+  scene.camera.look_at = dvec3(-1.995, 0.0, 2.72);
+  scene.camera.fov = 3;
+  const auto predicted = [&](int finer) {
+    scene.film.width = 16 * finer;
+    scene.film.height = 12 * finer;
+    Layers frame = PreparedScene(scene, LayerRequest::of({"direct", "guides"}, false)).render(1, 1).layers;
+    return frame.at("guide.predicted_direct.G");
+  };
+  const Plane coarse = predicted(1), fine = predicted(kFiner);
+  float most = 0, all = 0, all_fine = 0;
+  Plane mean(16, 12);
+  for (int y = 0; y < 12 * kFiner; ++y)
+    for (int x = 0; x < 16 * kFiner; ++x) mean(x / kFiner, y / kFiner) += fine(x, y) / (kFiner * kFiner);
+  for (int y = 0; y < 12; ++y)
+    for (int x = 0; x < 16; ++x) {
+      most = std::max(most, mean(x, y));
+      all += coarse(x, y);
+      all_fine += mean(x, y);
+    }
+  ASSERT_GT(most, 1);
+  EXPECT_NEAR(all / all_fine, 1, 0.03);
+  for (int y = 0; y < 12; ++y)
+    for (int x = 0; x < 16; ++x) EXPECT_NEAR(coarse(x, y), mean(x, y), 0.2f * most) << x << ", " << y;
+}
+
 // Of unit vectors the products of the moments of the second order add up to P2 of the cosine between them.
 TEST(Moments, OfTheSecondOrderAreP2) {
   Rng rng(7);

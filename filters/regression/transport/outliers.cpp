@@ -62,10 +62,21 @@ struct Excess {
     }
     most = static_cast<float>(limit * found);
   }
+  bool in_one_alone(int x, int y) const { return kAgreement * of_both(x, y) < std::max(a(x, y), b(x, y)); }
+  /// What single halves show, in order.
+  std::vector<float> singles() const {
+    std::vector<float> all;
+    for (int y = 0; y < a.height(); ++y)
+      for (int x = 0; x < a.width(); ++x)
+        if (in_one_alone(x, y)) all.push_back(std::max(a(x, y), b(x, y)));
+    std::sort(all.begin(), all.end());
+    return all;
+  }
   float of_both(int x, int y) const { return std::min(a(x, y), b(x, y)); }
   /// Whether what both halves show at a pixel is a lamp or a star, or noise that is bright in both by chance.
   /// @param can_be_point  whether there can be lamps and stars
-  Shown shown(int x, int y, bool can_be_point) const {
+  /// @param singles       of the frame, where guides would know of these; else empty
+  Shown shown(int x, int y, bool can_be_point, const std::vector<float>& singles) const {
     const float here = of_both(x, y);
     const auto count = [&](int radius, const auto& counts) {
       const Box box = Box{x, y, x + 1, y + 1}.grown(radius, a.width(), a.height());
@@ -76,12 +87,15 @@ struct Excess {
     };
     if (count(kPointRadius, [&](int u, int v) { return of_both(u, v) > kPointShare * here; }) > kPointPixels)
       return Shown::kArea;
-    const int in_one = count(kChanceRadius, [&](int u, int v) {
-      const float brighter = std::max(a(u, v), b(u, v));
-      return brighter > here && kAgreement * of_both(u, v) < brighter;
-    });
+    if (!can_be_point) return Shown::kNoise;
+    const int in_one =
+        count(kChanceRadius, [&](int u, int v) { return in_one_alone(u, v) && std::max(a(u, v), b(u, v)) > here; });
     const int around = count(kChanceRadius, [](int, int) { return true; });
-    return can_be_point && !meet_by_chance(in_one, around) ? Shown::kPoint : Shown::kNoise;
+    // Some of a frame's many pixels may well be bright in both halves.
+    const auto in_frame = singles.end() - std::upper_bound(singles.begin(), singles.end(), here);
+    const bool by_chance =
+        meet_by_chance(in_one, around) || meet_by_chance(static_cast<int>(in_frame), a.width() * a.height());
+    return by_chance ? Shown::kNoise : Shown::kPoint;
   }
 };
 
@@ -97,6 +111,8 @@ ClampedHalves clamped(const RegressionInput& input, const HalfPair& first, doubl
   const int width = mask.width(), height = mask.height();
   const Excess excess(a, b, brightness(first, space, task), mask, space, limit, task);
   const float top = excess.most;
+  const std::vector<float> singles =
+      halves && !input.known.expected[0].empty() ? excess.singles() : std::vector<float>();
   const Plane square = make_plane(width, height, quiet(task), [&](int x, int y) {
     const float va = std::min(std::abs(excess.a(x, y)), top), vb = std::min(std::abs(excess.b(x, y)), top);
     return 0.5f * (va * va + vb * vb);
@@ -116,7 +132,8 @@ ClampedHalves clamped(const RegressionInput& input, const HalfPair& first, doubl
       const float most = static_cast<float>(limit) * std::sqrt(std::max(0.5f * local(x, y), 0.0f) +
                                                                0.5f * top * top / static_cast<float>(limit * limit));
       const bool can_be_point = !blurred || (!solid.empty() && solid(x, y) > 0);
-      const Shown shown = halves && excess.of_both(x, y) > most ? excess.shown(x, y, can_be_point) : Shown::kArea;
+      const Shown shown =
+          halves && excess.of_both(x, y) > most ? excess.shown(x, y, can_be_point, singles) : Shown::kArea;
       const bool point = shown == Shown::kPoint, agree = halves && shown != Shown::kNoise;
       const auto draw = [&](const Plane& u, const Plane& other, Rgb& half) {
         // What both halves show is no outlier.
