@@ -6,23 +6,22 @@
 namespace brume {
 namespace {
 
-// Half width of the squares over which single values are compared [px], and times their level at which they are cut.
+// Half width of the squares over which single values are compared [px].
 constexpr int kLevelRadius = 10;
-constexpr float kFarAbove = 20;
 
 // Directions of one second difference of each product; the other's are at right angles.
 const std::array<ivec2, 4> kDirections = {ivec2(1, 0), ivec2(1, 1), ivec2(2, 1), ivec2(1, 2)};
 
 }  // namespace
 
-Plane mean_without_peaks(const Plane& values, int radius, const Task& task) {
+Plane mean_without_peaks(const Plane& values, int radius, const Task& task, float far_above) {
   const int width = values.width(), height = values.height();
   const Plane level = box_mean(make_plane(width, height, quiet(task),
                                           [&](int x, int y) { return std::sqrt(std::sqrt(std::abs(values(x, y)))); }),
                                kLevelRadius, task);
   return box_mean(make_plane(width, height, quiet(task),
                              [&](int x, int y) {
-                               const float root = level(x, y) * level(x, y), most = kFarAbove * root * root;
+                               const float root = level(x, y) * level(x, y), most = far_above * root * root;
                                return std::clamp(values(x, y), -most, most);
                              }),
                   radius, task);
@@ -33,7 +32,8 @@ int mirrored(int i, int n) {
   return std::clamp(i, 0, n - 1);
 }
 
-Plane least_product(const Plane& picture, int step, const std::array<float, 4>& white, int radius, const Task& task) {
+Plane least_product(const Plane& picture, int step, const std::array<float, 4>& white, int radius, const Task& task,
+                    float far_above) {
   const int width = picture.width(), height = picture.height();
   const auto at = [&](int x, int y) { return picture(mirrored(x, width), mirrored(y, height)); };
   Plane least;
@@ -43,7 +43,7 @@ Plane least_product(const Plane& picture, int step, const std::array<float, 4>& 
       const auto second = [&](int dx, int dy) { return at(x + dx, y + dy) + at(x - dx, y - dy) - 2 * picture(x, y); };
       return second(along.x, along.y) * second(-along.y, along.x) / white[i];
     });
-    Plane mean = mean_without_peaks(products, radius, task);
+    Plane mean = mean_without_peaks(products, radius, task, far_above);
     if (least.empty())
       least = std::move(mean);
     else

@@ -5,9 +5,12 @@
 
 namespace brume {
 
-/// Means over squares of 2 radius + 1 pixels of values none of which counts much more than most of 21 x 21 around it,
-/// because single bright points may be stars.
-Plane mean_without_peaks(const Plane& values, int radius, const Task& task);
+/// Times the level of the 21 x 21 values around at which single ones are cut: bright points may be stars. And where
+/// only few samples that are far brighter than all others are to be kept from deciding alone.
+inline constexpr float kFarAbove = 20, kVeryFarAbove = 200;
+
+/// Means over squares of 2 radius + 1 pixels, of values that are cut `far_above` times their level.
+Plane mean_without_peaks(const Plane& values, int radius, const Task& task, float far_above = kFarAbove);
 
 /// An index beyond the ends of 0 .. n - 1, reflected there.
 int mirrored(int i, int n);
@@ -20,7 +23,8 @@ inline constexpr std::array<float, 4> kWhiteAt1 = {4, 4, 4, 4}, kWhiteAt2 = {0.3
 /// Mean product of two second differences at right angles, over `white`: of four pairs of directions the least. The two
 /// share nothing but the pixel in their middle, so that an edge along either leaves them as they are.
 /// @param step  of the differences [px]     @param radius  of the mean [px]
-Plane least_product(const Plane& picture, int step, const std::array<float, 4>& white, int radius, const Task& task);
+Plane least_product(const Plane& picture, int step, const std::array<float, 4>& white, int radius, const Task& task,
+                    float far_above = kFarAbove);
 
 /// Weighted mean of 3 x 3 pixels `step` apart, [1 2 1] x [1 2 1] / 16: with steps of 1, then 2, detail of one octave
 /// after the other is taken off.

@@ -15,7 +15,7 @@ constexpr int kRadius = 16;
 // scatters by .1. Less does, where the octave beyond has more by a quarter still.
 constexpr float kDoubt = 1.2f, kDoubtOfBoth = 1.05f, kSure = 0.3f, kBeyond = 1.25f;
 // Times what a power law says that texture has in the finest octave.
-constexpr float kMargin = 1.7f;
+constexpr float kMargin = 2.5f;
 // Fixed points of the noise are looked for from below.
 constexpr int kRounds = 6;
 
@@ -49,7 +49,11 @@ Plane share_of_noise(const Rgb& variance, const RgbPlanes& picture, const Task& 
   };
   for (size_t c = 0; c < 3; ++c) {
     const Plane once = halved_detail(*picture[c], 1, task);
-    add(finest, box_mean(variance[c], kRadius, task));
+    // Single bright samples are in the finest octave more than in the others, which does not make the rest texture.
+    const Plane peaks = least_product(*picture[c], 1, kWhiteAt1, kRadius, task, kVeryFarAbove);
+    const Plane level = box_mean(variance[c], kRadius, task);
+    add(finest, make_plane(level.width(), level.height(), quiet(task),
+                           [&](int x, int y) { return std::max(level(x, y), peaks(x, y)); }));
     add(second, least_product(once, 2, kWhiteAt2, kRadius, task));
     add(third, least_product(halved_detail(once, 2, task), 4, kWhiteAt4, kRadius, task));
   }
