@@ -3,6 +3,7 @@
 #include <algorithm>
 #include <cmath>
 
+#include "filters/inputs/half_pair.h"
 #include "filters/inputs/noise.h"
 #include "filters/patch/neighbourhood.h"
 #include "filters/patch/second_differences.h"
@@ -137,6 +138,31 @@ Rgb picture_variance(const RgbPlanes& picture, const Task& task) {
     lift_variance(variance[c], *picture[c], task);
   }
   return variance;
+}
+
+void limit_variance(Rgb& variance, const RgbPlanes& picture, const Task& task) {
+  constexpr int kRadius = 16;
+  constexpr float kMore = 1.2f;
+  const int width = picture[0]->width(), height = picture[0]->height();
+  if (std::min(width, height) < 8) return;  // too little to measure
+  Plane stated(width, height), seen(width, height);
+  for (size_t c = 0; c < 3; ++c) {
+    add_to(stated, 1, box_mean(variance[c], kRadius, task), task);
+    add_to(seen, 1, box_mean(mask_squares(*picture[c], task), kRadius, task), task);
+  }
+  // By how much more is stated than can be, in units of that: where it is as much again, the picture alone decides.
+  const Plane excess = make_plane(width, height, quiet(task), [&](int x, int y) {
+    const float most = kMore * std::max(0.0f, seen(x, y));
+    if (!(stated(x, y) > most)) return 0.0f;
+    for (Plane& v : variance) v(x, y) *= most / stated(x, y);
+    return most > 0 ? std::min(stated(x, y) / most - 1, 1.0f) : 1.0f;
+  });
+  if (!any_above_0(excess)) return;
+  const Plane share = share_of_noise(variance, picture, task);
+  for_each_pixel(width, height, quiet(task), [&](int x, int y) {
+    for (Plane& v : variance) v(x, y) *= 1 - excess(x, y) * (1 - share(x, y));
+  });
+  for (size_t c = 0; c < 3; ++c) lift_variance(variance[c], *picture[c], task);
 }
 
 }  // namespace brume

@@ -63,4 +63,15 @@ Plane halved_detail(const Plane& picture, int step, const Task& task) {
   });
 }
 
+Plane mask_squares(const Plane& picture, const Task& task) {
+  const int width = picture.width(), height = picture.height();
+  return make_plane(width, height, quiet(task), [&](int x, int y) {
+    const int l = mirrored(x - 1, width), r = mirrored(x + 1, width);
+    const int a = mirrored(y - 1, height), b = mirrored(y + 1, height);
+    const auto row = [&](int j) { return picture(l, j) - 2 * picture(x, j) + picture(r, j); };
+    const float response = row(a) - 2 * row(y) + row(b);
+    return response * response / 36;
+  });
+}
+
 }  // namespace brume

@@ -30,4 +30,8 @@ Plane least_product(const Plane& picture, int step, const std::array<float, 4>& 
 /// after the other is taken off.
 Plane halved_detail(const Plane& picture, int step, const Task& task);
 
+/// Squares of the mask [1 -2 1] x [1 -2 1], which are 1 in the mean where white noise has a variance of 1.
+/// Source: Immerkaer 1996, Fast noise variance estimation.
+Plane mask_squares(const Plane& picture, const Task& task);
+
 }  // namespace brume

@@ -147,6 +147,26 @@ TEST(TextureShare, NoiseIsNoTexture) {
     }
 }
 
+// A variance that a file states, sixteen times too large or the same everywhere, is brought down to what can be.
+TEST(StatedVariance, TooLargeDoesNoHarm) {
+  const std::pair<std::string, Plane> pictures[] = {
+      {"discs", drawn([](int x, int y) { return discs(x, y, 110); })},
+      {"ramp", drawn([](int x, int y) { return 0.2 + 0.004 * x + 0.001 * y; })},
+  };
+  for (const auto& [name, truth] : pictures)
+    for (const double stated : {0.01 * 0.01 * 1024, 1.0, 1e6}) {
+      Layers frame = frame_of(truth, [](int x, int y, size_t) { return 0.01 * test::normal(x, y, 120); });
+      test::put(frame, layer::beauty, statistic::mean_variance,
+                [&](int, int, size_t) { return static_cast<float>(stated); });
+      FilterSettings filter(find_filter("least_risk"));
+      filter.set("network", "none");
+      ApplyOptions options;
+      options.component = Component::kAll;
+      const double after = rms(apply_filter(filter, frame, options, {}), truth);
+      EXPECT_LT(after, 0.01 * (name == "ramp" ? 0.4 : 1.02)) << name << ", " << stated;
+    }
+}
+
 // One pixel, one row: nothing to measure, and nothing to fall over.
 TEST(TextureShare, SmallPictures) {
   for (const ivec2& size : {ivec2(1, 1), ivec2(1, 40), ivec2(40, 1), ivec2(3, 3), ivec2(8, 8)}) {
