@@ -3,16 +3,17 @@
 #include <algorithm>
 #include <cmath>
 
+#include "filters/inputs/half_pair.h"
 #include "filters/inputs/noise.h"
 #include "filters/patch/neighbourhood.h"
+#include "filters/patch/second_differences.h"
+#include "filters/patch/texture_share.h"
 
 namespace brume {
 namespace {
 
 // Half widths of the squares over which squares are averaged, and over which they are compared [px].
 constexpr int kMeanRadius = 4, kLevelRadius = 10;
-// Times the level at which single values are cut.
-constexpr float kFarAbove = 20;
 // Of the least of four means, for normal noise without anything else.
 constexpr float kLeastOfFour = 0.83f;
 // Squares summed over the masks of differences of order 2, 4 and 6 along each axis.
@@ -24,50 +25,6 @@ constexpr int kSearchRadius = 5, kRounds = 2;
 constexpr float kStrength = 0.35f;
 // Shares of all that varies from pixel to pixel: up to the first there is detail in it, from the second on none.
 constexpr float kDetail = 0.5f, kNoise = 0.9f;
-
-/// Local means of values, none of which counts much more than most around it.
-Plane mean_without_peaks(const Plane& values, const Task& task) {
-  const int width = values.width(), height = values.height();
-  const Plane level = box_mean(make_plane(width, height, quiet(task),
-                                          [&](int x, int y) { return std::sqrt(std::sqrt(std::abs(values(x, y)))); }),
-                               kLevelRadius, task);
-  return box_mean(make_plane(width, height, quiet(task),
-                             [&](int x, int y) {
-                               const float root = level(x, y) * level(x, y), most = kFarAbove * root * root;
-                               return std::clamp(values(x, y), -most, most);
-                             }),
-                  kMeanRadius, task);
-}
-
-int mirrored(int i, int n) {
-  i = i < 0 ? -i : i >= n ? 2 * (n - 1) - i : i;
-  return std::clamp(i, 0, n - 1);
-}
-
-/// Of four pairs of directions the least product of second differences at right angles.
-Plane variance_across_lines(const Plane& picture, const Task& task) {
-  const int width = picture.width(), height = picture.height();
-  const auto at = [&](int x, int y) { return picture(mirrored(x, width), mirrored(y, height)); };
-  Plane least;
-  for (const ivec2& along : {ivec2(1, 0), ivec2(1, 1), ivec2(2, 1), ivec2(1, 2)}) {
-    const Plane mean =
-        mean_without_peaks(make_plane(width, height, quiet(task),
-                                      [&](int x, int y) {
-                                        const auto second = [&](int dx, int dy) {
-                                          return at(x + dx, y + dy) + at(x - dx, y - dy) - 2 * picture(x, y);
-                                        };
-                                        return 0.25f * second(along.x, along.y) * second(-along.y, along.x);
-                                      }),
-                           task);
-    if (least.empty())
-      least = mean;
-    else
-      for_each_pixel(width, height, quiet(task),
-                     [&](int x, int y) { least(x, y) = std::min(least(x, y), mean(x, y)); });
-  }
-  return make_plane(width, height, quiet(task),
-                    [&](int x, int y) { return std::max(0.0f, least(x, y) / kLeastOfFour); });
-}
 
 /// The response to the mask [1 -2 1] x [1 -2 1].
 Plane second_differences(const Plane& picture, const Task& task) {
@@ -91,7 +48,9 @@ struct FirstEstimate {
 /// Immerkaer 1996, Fast noise variance estimation.
 FirstEstimate first_estimate(const Plane& picture, const Task& task) {
   const int width = picture.width(), height = picture.height();
-  FirstEstimate of{variance_across_lines(picture, task), {}};
+  FirstEstimate of{least_product(picture, 1, kWhiteAt1, kMeanRadius, task), {}};
+  for_each_pixel(width, height, quiet(task),
+                 [&](int x, int y) { of.variance(x, y) = std::max(0.0f, of.variance(x, y) / kLeastOfFour); });
   const Plane lines = box_mean(of.variance, kLevelRadius, task);
   Plane least = lines, differences = picture;
   for (const float squares : kMaskSquares) {
@@ -100,7 +59,7 @@ FirstEstimate first_estimate(const Plane& picture, const Task& task) {
                                     [&](int x, int y) { return differences(x, y) * differences(x, y) / squares; });
     const Plane all = box_mean(square, kMeanRadius, task);
     if (of.detailed.empty()) of.detailed = all;
-    const Plane mean = mean_without_peaks(square, task), level = box_mean(mean, kLevelRadius, task);
+    const Plane mean = mean_without_peaks(square, kMeanRadius, task), level = box_mean(mean, kLevelRadius, task);
     for_each_pixel(width, height, quiet(task), [&](int x, int y) {
       if (!(level(x, y) < least(x, y) && level(x, y) < kClearlyLess * lines(x, y))) return;
       least(x, y) = level(x, y);
@@ -144,7 +103,7 @@ Rgb variance_among_alike(const RgbPlanes& picture, const Rgb& variance, const Ta
                                              const float rest = (*picture[c])(x, y) - alike.values[c](x, y);
                                              return rest * rest / (1 + alike.noise(x, y));
                                            }),
-                                task);
+                                kMeanRadius, task);
   return out;
 }
 
@@ -172,9 +131,38 @@ Rgb picture_variance(const RgbPlanes& picture, const Task& task) {
       const float noise = std::clamp((share - kDetail) / (kNoise - kDetail), 0.0f, 1.0f);
       v += noise * std::max(0.0f, detailed[c](x, y) - v);
     });
+  }
+  const Plane share = share_of_noise(variance, picture, task);
+  for (size_t c = 0; c < 3; ++c) {
+    for_each_pixel(width, height, quiet(task), [&](int x, int y) { variance[c](x, y) *= share(x, y); });
     lift_variance(variance[c], *picture[c], task);
   }
   return variance;
+}
+
+void limit_variance(Rgb& variance, const RgbPlanes& picture, const Task& task) {
+  constexpr int kRadius = 16;
+  constexpr float kMore = 1.2f;
+  const int width = picture[0]->width(), height = picture[0]->height();
+  if (std::min(width, height) < 8) return;  // too little to measure
+  Plane stated(width, height), seen(width, height);
+  for (size_t c = 0; c < 3; ++c) {
+    add_to(stated, 1, box_mean(variance[c], kRadius, task), task);
+    add_to(seen, 1, box_mean(mask_squares(*picture[c], task), kRadius, task), task);
+  }
+  // By how much more is stated than can be, in units of that: where it is as much again, the picture alone decides.
+  const Plane excess = make_plane(width, height, quiet(task), [&](int x, int y) {
+    const float most = kMore * std::max(0.0f, seen(x, y));
+    if (!(stated(x, y) > most)) return 0.0f;
+    for (Plane& v : variance) v(x, y) *= most / stated(x, y);
+    return most > 0 ? std::min(stated(x, y) / most - 1, 1.0f) : 1.0f;
+  });
+  if (!any_above_0(excess)) return;
+  const Plane share = share_of_noise(variance, picture, task);
+  for_each_pixel(width, height, quiet(task), [&](int x, int y) {
+    for (Plane& v : variance) v(x, y) *= 1 - excess(x, y) * (1 - share(x, y));
+  });
+  for (size_t c = 0; c < 3; ++c) lift_variance(variance[c], *picture[c], task);
 }
 
 }  // namespace brume

@@ -11,9 +11,15 @@ namespace brume {
 ///   order 2, 4 and 6 along both axes, where these are clearly less
 /// - of squared differences to the mean of pixels whose 3 x 3 surroundings, without the pixels themselves, are alike,
 ///   as text, grids and weaves repeat themselves; what noise that mean has itself is taken off
+/// Of this what is texture by its growth from octave to octave is taken off (texture_share.h).
 /// In either, values far above the others of 21 x 21 pixels are cut, because single bright points may be stars.
 /// Sources: Immerkaer 1996, Fast noise variance estimation, for differences along both axes; Laine et al. 2019,
 /// High-quality self-supervised deep image denoising, for leaving the pixel itself out.
 Rgb picture_variance(const RgbPlanes& picture, const Task& task);
+
+/// Brings a variance down to what the picture varies by from pixel to pixel, over 33 x 33 pixels and all colours, and a
+/// fifth more: noise of independent pixels cannot be more. Samples of low discrepancy vary less than their variance
+/// says, and files hold variances that mean something else. Where twice as much is stated texture is taken off, too.
+void limit_variance(Rgb& variance, const RgbPlanes& picture, const Task& task);
 
 }  // namespace brume

@@ -40,6 +40,8 @@ void read_signal(Signal& s, const Layers& layers, const LayerName& name, const R
                                           layers.find(layer::sample_count.channel(0)), task);
     else if (halves)
       s.own.variance = variance_of_halves(s.mean, s.half_a, s.half_b, task);
+    if (!halves && run.options.noise == NoiseSource::kLayers && !s.own.variance[0].empty())
+      limit_variance(s.own.variance, s.mean, task);
     if (!s.own.variance[0].empty()) s.variance = view(s.own.variance);
   }
   if (layers.has(name, statistic::buckets[0]))
