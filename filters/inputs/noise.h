@@ -64,6 +64,6 @@ struct NoisySignal {
 Plane limit_outliers(NoisySignal& signal, Outliers how, const FrameSpace& space, const Task& task);
 
 /// How far the functions above look.
-inline constexpr int kNoiseReach = 32, kOutlierReach = 17;
+inline constexpr int kNoiseReach = 64, kOutlierReach = 17;
 
 }  // namespace brume

@@ -25,6 +25,10 @@ constexpr int kSearchRadius = 5, kRounds = 2;
 constexpr float kStrength = 0.35f;
 // Shares of all that varies from pixel to pixel: up to the first there is detail in it, from the second on none.
 constexpr float kDetail = 0.5f, kNoise = 0.9f;
+// Of variances that a file states: half width of the squares over which they are held against the picture [px], and
+// how much more than the picture varies by may be stated.
+constexpr int kStatedRadius = 16;
+constexpr float kMoreThanSeen = 1.2f;
 
 /// The response to the mask [1 -2 1] x [1 -2 1].
 Plane second_differences(const Plane& picture, const Task& task) {
@@ -141,28 +145,39 @@ Rgb picture_variance(const RgbPlanes& picture, const Task& task) {
 }
 
 void limit_variance(Rgb& variance, const RgbPlanes& picture, const Task& task) {
-  constexpr int kRadius = 16;
-  constexpr float kMore = 1.2f;
   const int width = picture[0]->width(), height = picture[0]->height();
   if (std::min(width, height) < 8) return;  // too little to measure
-  Plane stated(width, height), seen(width, height);
+  Plane stated(width, height), around(width, height), next(width, height);
   for (size_t c = 0; c < 3; ++c) {
-    add_to(stated, 1, box_mean(variance[c], kRadius, task), task);
-    add_to(seen, 1, box_mean(mask_squares(*picture[c], task), kRadius, task), task);
+    const Plane mean = box_mean(*picture[c], kMeanRadius, task);
+    const Plane squares = make_plane(width, height, quiet(task), [&](int x, int y) {
+      const float rest = (*picture[c])(x, y) - mean(x, y);
+      return rest * rest;
+    });
+    add_to(stated, 1, box_mean(variance[c], kStatedRadius, task), task);
+    add_to(around, 1, box_mean(squares, kStatedRadius, task), task);
+    add_to(next, 1, box_mean(mask_squares(*picture[c], task), kStatedRadius, task), task);
   }
-  // By how much more is stated than can be, in units of that: where it is as much again, the picture alone decides.
+  // From nothing where the picture varies as much around its pixels as is stated, to 1 where it varies half as much.
   const Plane excess = make_plane(width, height, quiet(task), [&](int x, int y) {
-    const float most = kMore * std::max(0.0f, seen(x, y));
-    if (!(stated(x, y) > most)) return 0.0f;
-    for (Plane& v : variance) v(x, y) *= most / stated(x, y);
-    return most > 0 ? std::min(stated(x, y) / most - 1, 1.0f) : 1.0f;
+    const float most = kMoreThanSeen * around(x, y);
+    return stated(x, y) > most ? (stated(x, y) < 2 * most ? stated(x, y) / most - 1 : 1) : 0.0f;
   });
   if (!any_above_0(excess)) return;
-  const Plane share = share_of_noise(variance, picture, task);
-  for_each_pixel(width, height, quiet(task), [&](int x, int y) {
-    for (Plane& v : variance) v(x, y) *= 1 - excess(x, y) * (1 - share(x, y));
-  });
-  for (size_t c = 0; c < 3; ++c) lift_variance(variance[c], *picture[c], task);
+  Rgb seen;
+  for (size_t c = 0; c < 3; ++c)
+    seen[c] = make_plane(width, height, quiet(task), [&](int x, int y) {
+      const float most = kMoreThanSeen * next(x, y);
+      return stated(x, y) > most ? variance[c](x, y) * (most / stated(x, y)) : variance[c](x, y);
+    });
+  const Plane share = share_of_noise(seen, picture, task);
+  for (size_t c = 0; c < 3; ++c) {
+    for_each_pixel(width, height, quiet(task), [&](int x, int y) {
+      float& v = variance[c](x, y);
+      v += excess(x, y) * (seen[c](x, y) * share(x, y) - v);
+    });
+    lift_variance(variance[c], *picture[c], task);
+  }
 }
 
 }  // namespace brume

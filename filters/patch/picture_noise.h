@@ -17,9 +17,10 @@ namespace brume {
 /// High-quality self-supervised deep image denoising, for leaving the pixel itself out.
 Rgb picture_variance(const RgbPlanes& picture, const Task& task);
 
-/// Brings a variance down to what the picture varies by from pixel to pixel, over 33 x 33 pixels and all colours, and a
-/// fifth more: noise of independent pixels cannot be more. Samples of low discrepancy vary less than their variance
-/// says, and files hold variances that mean something else. Where twice as much is stated texture is taken off, too.
+/// Takes a variance for stated wrongly where it is above all that pixels differ by from the mean of the 9 x 9 around
+/// them, over 33 x 33 pixels and all colours, and a fifth more: files hold variances that mean something else. Where
+/// twice as much is stated the picture alone decides, by what varies from each pixel to the next and is no texture.
+/// Noise that a pixel filter has spread over neighbours keeps its variance, though it varies less from one to the next.
 void limit_variance(Rgb& variance, const RgbPlanes& picture, const Task& task);
 
 }  // namespace brume

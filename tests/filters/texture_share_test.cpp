@@ -167,6 +167,23 @@ TEST(StatedVariance, TooLargeDoesNoHarm) {
     }
 }
 
+// A pixel filter spreads noise over neighbours: it varies less from one pixel to the next than the variance says.
+TEST(StatedVariance, OfFilteredNoiseIsKept) {
+  const auto filtered = [](int x, int y, size_t) {
+    double sum = 0;
+    for (int dy = -1; dy <= 1; ++dy)
+      for (int dx = -1; dx <= 1; ++dx)
+        sum += (2 - std::abs(dx)) * (2 - std::abs(dy)) / 16.0 * test::normal(x + dx + 1, y + dy + 1, 130);
+    return 0.05 * sum;
+  };
+  const Layers frame = frame_of(drawn([](int, int) { return 0.4; }), filtered);
+  const float true_variance = static_cast<float>(0.05 * 0.05 * 0.375 * 0.375);
+  Rgb variance;
+  for (Plane& v : variance) v = Plane(kWidth, kHeight, true_variance);
+  limit_variance(variance, frame.rgb(layer::beauty), {});
+  for (const Plane& v : variance) EXPECT_NEAR(mean_of(v), true_variance, 0.02 * true_variance);
+}
+
 // One pixel, one row: nothing to measure, and nothing to fall over.
 TEST(TextureShare, SmallPictures) {
   for (const ivec2& size : {ivec2(1, 1), ivec2(1, 40), ivec2(40, 1), ivec2(3, 3), ivec2(8, 8)}) {
