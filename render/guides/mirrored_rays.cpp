@@ -236,7 +236,7 @@ void MirroredRays::follow(const MarchScene& scene) {
       const Met there = meet(next.ray);
       GuideSums& sums = sums_[met.size()];
       sums.clear();
-      MarchedRay& ray = scene.aim(next.ray, there.distance, 1, 0, march_.node_light_.lattice, sums, batch_);
+      MarchedRay& ray = scene.aim({next.ray, there.distance, sums}, march_.node_light_.lattice, batch_);
       if (!ray.misses()) {
         const double entry = ray.start / scene.steps.length + static_cast<double>(batch_.parts[ray.first_part].x);
         ray.stride = static_cast<float>(std::clamp(0.5 * next.path.spread * entry, 1.0, kLongestStep));
