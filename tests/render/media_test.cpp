@@ -549,7 +549,7 @@ TEST(MotionBlur, AConstantVelocityShiftsTheDensity) {
   test::write_velocity_vdb(folder / "v.vdb", folder / "ball.vdb", {ivec3(-20), ivec3(20)}, dvec3(0.5, 0, 0));
   const ScalarField density = load_scalar(folder / "v.vdb", {});
   std::vector<std::string> notes;
-  const Displacement d = load_displacement(folder / "v.vdb", "", density, 1.0, 0.0, 2.0, notes);
+  const Displacement d = load_displacement(folder / "v.vdb", "", density, {1.0, 0.0, 2.0}, notes);
   Medium medium(density.bricks, density.world_from_index, 1.0, dvec3(1), 0);
   medium.set_displacement(d);
   EXPECT_TRUE(medium.moves());

@@ -428,7 +428,7 @@ TEST(LoadField, WithoutAUsualNameIsNoSuchGrid) {
   EXPECT_THROW(load_colour(folder / "d.vdb", ""), NoSuchGrid);
   std::vector<std::string> notes;
   const ScalarField density = load_scalar(folder / "d.vdb", {});
-  EXPECT_THROW(load_displacement(folder / "d.vdb", "", density, 1, 0, 1, notes), NoSuchGrid);
+  EXPECT_THROW(load_displacement(folder / "d.vdb", "", density, {1, 0, 1}, notes), NoSuchGrid);
 }
 
 TEST(LoadDensity, AnEmptyGridIsAnAbsentMedium) {
