@@ -3,7 +3,6 @@
 #include <fmt/format.h>
 #include <gtest/gtest.h>
 
-
 #include "image/exr_io.h"
 #include "tests/support/cycles_frame.h"
 #include "tests/support/exr_files.h"

@@ -2,7 +2,6 @@
 
 #include <gtest/gtest.h>
 
-
 #include "image/exr_io.h"
 #include "tests/support/cycles_frame.h"
 #include "tests/support/exr_files.h"

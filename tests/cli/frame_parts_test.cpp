@@ -4,7 +4,6 @@
 #include <ImfStandardAttributes.h>
 #include <gtest/gtest.h>
 
-
 #include "image/exr_io.h"
 #include "tests/support/exr_files.h"
 #include "tests/support/files.h"

@@ -1,6 +1,5 @@
 // Frames of other renderers through the program: the file that comes back is compared with the one that went in.
 
-
 #include <ImfChannelList.h>
 #include <fmt/format.h>
 #include <gtest/gtest.h>

@@ -1,7 +1,6 @@
 #include <fmt/format.h>
 #include <gtest/gtest.h>
 
-
 #include "base/error.h"
 #include "render/world/mesh.h"
 #include "tests/support/files.h"
