@@ -119,7 +119,7 @@ class Extension {
     return range;
   }
 
-  /// What box velocity and density fill, and what part of the velocity can bring density anywhere.
+  /// Finds the box of velocity and density together, and the part of the velocity that can move any density.
   void locate() {
     Range world;
     for (size_t c = 0; c < 3; ++c) {

@@ -91,13 +91,13 @@ struct MarchedRay {
   std::array<LightTerms, kMostSharpLights> terms;
   Place nodes;                                    ///< on the fields' lattice
   std::optional<MediaLine> line;                  ///< where media are not looked up in vectors
-  std::vector<std::pair<double, double>> uneven;  ///< where media are not of closed form
-  double level = 0;                               ///< the longest step through layers [world units]
+  std::vector<std::pair<double, double>> uneven;  ///< parts of the ray in media without a closed form
+  double level = 0;                               ///< longest step through fog that falls off [world units]
   float stride = 1;                               ///< steps are so many times longer, except in thick media
   float offset = 0;                               ///< share of a step by which the first one is shortened
   uint32_t first_part = 0, last_part = 0;         ///< of MarchBatch::parts
   GuideSums* sums = nullptr;                      ///< to which light is added that fields at nodes and emission have
-  OrderTint tint;                                 ///< of the media; of unlike ones the last one
+  OrderTint tint;                                 ///< of the media; where they differ, of the last part lit
   DeepSteps* deep = nullptr;                      ///< keeps what is seen of each step; null: nothing
 
   float transmittance = 1, scaled_transmittance = 1;  ///< scaled: without the forward peak

@@ -183,7 +183,8 @@ const std::vector<MirroredRays::CornerEnd>& MirroredRays::ends_at(const ivec2& c
   return ends;
 }
 
-// Rays of a lens or shutter go elsewhere than those of the corners. Smooth surfaces may begin within a wide square.
+// The rays through a square's corners stand for all of it, except through a lens or an open shutter, and in a wide
+// square inside which smooth surfaces may begin.
 bool MirroredRays::may_show_lights(const Square& square) {
   const Lights& lights = *march_.context_.lights;
   if (lights.finite().empty() &&
