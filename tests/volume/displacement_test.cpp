@@ -4,25 +4,14 @@
 
 #include <gtest/gtest.h>
 
-#include "tests/support/files.h"
-#include "tests/support/vdb_grids.h"
+#include "tests/support/vdb_files.h"
 #include "volume/medium.h"
-#include "volume/vdb_io.h"
 
 namespace brume {
 namespace {
 
-namespace fs = std::filesystem;
-
-void write(const fs::path& path, const openvdb::GridPtrVec& grids) {
-  openvdb::io::File file(path.string());
-  file.write(grids);
-  file.close();
-}
-
-bool holds(const std::string& text, const std::string& part) {
-  return text.find(part) != std::string::npos;
-}
+using test::holds;
+using test::write;
 
 /// Balls of density, some voxels apart, each with a velocity of its own.
 struct MovingBalls {
