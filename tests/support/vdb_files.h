@@ -2,6 +2,7 @@
 #include <string>
 
 #include "base/error.h"
+#include "base/text.h"
 #include "tests/support/files.h"
 #include "tests/support/holds.h"
 #include "tests/support/vdb_grids.h"
