@@ -10,6 +10,7 @@
 
 #include "tests/support/vdb_files.h"
 #include "tests/support/volumes.h"
+#include "volume/procedural.h"
 
 namespace brume {
 namespace {
