@@ -74,7 +74,7 @@ void write_checksum(const fs::path& path) {
 void verify_checksum(const fs::path& path, bool own, const Task& task) {
   const Checksum sum = checksum_of(path, task);
   if (sum.found == sum.computed || !kChecksumsHold) return;
-  // As kNoChecksum, but for the digits.
+  // Of the form of kNoChecksum, whose zeros stand for any digits.
   const bool legible = std::equal(
       sum.found.begin(), sum.found.end(), kNoChecksum.begin(), kNoChecksum.end(),
       [](char c, char like) { return like == '0' ? std::isxdigit(static_cast<unsigned char>(c)) : c == like; });

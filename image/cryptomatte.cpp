@@ -257,7 +257,7 @@ Plane matte_of(const Layers& frame, const std::vector<MatteLayer>& layers, const
     throw InputError(fmt::format("has no Cryptomatte {}{}; it has {}", wanted, suggestion(wanted, all), join(all)));
   for (const MatteLayer* layer : asked)
     if (has_all(*layer, names)) found.push_back(layer);
-  if (found.empty()) found = asked;  // of one the error says what is missing
+  if (found.empty()) found = asked;  // so that the error below says what it lacks
   if (found.size() > 1 && has_all(*found[0], names)) {
     std::vector<std::string> both;
     for (const MatteLayer* layer : found) both.push_back(layer->name);

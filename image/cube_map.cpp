@@ -33,6 +33,19 @@ dvec2 place_of(const dvec3& d, int size) {
   return {in_face.x, in_face.y + (2 * axis + (back ? 1 : 0)) * size};
 }
 
+/// The colour at a place in the faces, bilinear between the pixels of one face.
+dvec3 color_at_place(const RgbPlanes& faces, const dvec2& place, int size) {
+  const ivec2 lo(place), hi = glm::min(lo + 1, ivec2(size - 1, lo.y / size * size + size - 1));
+  const dvec2 f = place - dvec2(lo);
+  dvec3 color;
+  for (int c = 0; c < 3; ++c) {
+    const auto texel = [&](int x, int y) { return static_cast<double>((*faces[static_cast<size_t>(c)])(x, y)); };
+    color[c] = std::lerp(std::lerp(texel(lo.x, lo.y), texel(hi.x, lo.y), f.x),
+                         std::lerp(texel(lo.x, hi.y), texel(hi.x, hi.y), f.x), f.y);
+  }
+  return color;
+}
+
 }  // namespace
 
 bool is_cube_map(const Layers& picture) {
@@ -62,14 +75,7 @@ Layers lat_long_of_cube(const Layers& cube, const std::string& name, const Task&
         const double up = std::sin(latitude), along = std::cos(latitude);
         for (int i = 0; i < kSamples; ++i) {
           const dvec2& longitude = longitudes[static_cast<size_t>(x) * kSamples + static_cast<size_t>(i)];
-          const dvec2 at = place_of({longitude.x * along, up, longitude.y * along}, size);
-          const ivec2 lo(at), hi = glm::min(lo + 1, ivec2(size - 1, lo.y / size * size + size - 1));
-          const dvec2 f = at - dvec2(lo);
-          for (size_t c = 0; c < 3; ++c) {
-            const auto texel = [&](int tx, int ty) { return static_cast<double>((*from[c])(tx, ty)); };
-            sum[static_cast<int>(c)] += std::lerp(std::lerp(texel(lo.x, lo.y), texel(hi.x, lo.y), f.x),
-                                                  std::lerp(texel(lo.x, hi.y), texel(hi.x, hi.y), f.x), f.y);
-          }
+          sum += color_at_place(from, place_of({longitude.x * along, up, longitude.y * along}, size), size);
         }
       }
       for (size_t c = 0; c < 3; ++c)

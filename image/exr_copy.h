@@ -10,7 +10,7 @@
 
 namespace brume {
 
-/// A channel of a copied file that is not as it was.
+/// New values for a channel of a file that is copied.
 struct ExrEdit {
   std::string channel;  ///< as read_exr names it
   const Plane* values;

@@ -15,7 +15,7 @@ std::string counted(size_t count, const char* what) {
   return fmt::format("{} {} value{}", count, what, count == 1 ? "" : "s");
 }
 
-/// Of pixels that are in another space now.
+/// Removes what the header says of the colour space, after pixels have been converted to another.
 void forget_space(Layers& picture) {
   for (const char* key : {"chromaticities", "acesImageContainerFlag", "colorInteropID", "oiio:ColorSpace"})
     picture.header.erase(key);

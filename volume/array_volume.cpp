@@ -220,21 +220,19 @@ ScalarField adjusted_density(const ScalarField& stored, const ScalarOptions& opt
   return field;
 }
 
-Displacement displacement_of(const VectorField& velocity, const ScalarField& density, const dmat4& world_from_index,
-                             double scale, double open, double close, std::vector<std::string>& notes,
-                             const Task& task) {
+Displacement displacement_of(const VectorField& velocity, const ScalarField& density, const ShutterMotion& motion,
+                             std::vector<std::string>& notes, const Task& task) {
   StoredVelocity stored;
   stored.name = "velocity";
   for (size_t c = 0; c < 3; ++c) {
     StoredVelocity::Component& component = stored.components[c];
     component.values = velocity.bricks.parts[c];
-    component.world_from_index = world_from_index;
+    component.world_from_index = density.world_from_index;
     component.box = box_of(component.values);
     if (component.box.empty()) continue;
     component.stored = BrickGrid::build(component.box, Occupancy({}, {{component.box, 1.0f}}), {}, quiet(task));
   }
-  return displacement_over(stored, density.bricks, density.summary.box, world_from_index, scale, open, close, notes,
-                           task);
+  return displacement_over(stored, density, motion, notes, task);
 }
 
 }  // namespace brume

@@ -45,9 +45,8 @@ void copy_values(const BrickGrid& grid, const ivec3& size, float* to, std::ptrdi
 ScalarField adjusted_density(const ScalarField& stored, const ScalarOptions& options, const Task& task);
 
 /// The motion of a density of arrays by its velocity, as load_displacement makes it of a file.
-/// @param world_from_index  of both   @param scale, open, close  as load_displacement
-Displacement displacement_of(const VectorField& velocity, const ScalarField& density, const dmat4& world_from_index,
-                             double scale, double open, double close, std::vector<std::string>& notes,
-                             const Task& task);
+/// Both have the density's lattice.
+Displacement displacement_of(const VectorField& velocity, const ScalarField& density, const ShutterMotion& motion,
+                             std::vector<std::string>& notes, const Task& task);
 
 }  // namespace brume

@@ -176,9 +176,8 @@ class BetweenFrames::Inside {
     for (size_t k = 0; k < 2; ++k) {
       Side& side = sides_[k];
       if (side.field->bricks.empty()) continue;
-      side.motion =
-          displacement_over(*velocities[k], side.field->bricks, side.field->summary.box, side.field->world_from_index,
-                            time_.scale, k == 0 ? 0 : -time_.frames, k == 0 ? time_.frames : 0, notes, quiet(task));
+      const ShutterMotion motion{time_.scale, k == 0 ? 0 : -time_.frames, k == 0 ? time_.frames : 0};
+      side.motion = displacement_over(*velocities[k], *side.field, motion, notes, quiet(task));
     }
   }
 

@@ -191,7 +191,7 @@ class BrickGrid {
     return (static_cast<size_t>(c.x >> shift) * top_count_.y + (c.y >> shift)) * top_count_.z + (c.z >> shift);
   }
   /// The number of the node that holds cell c; -1 where space is empty.
-  /// @param level  depth_; becomes that of the entry that says so
+  /// @param level  depth_ when called; becomes the level of the entry where the search ended
   int32_t node(const ivec3& c, int& level) const {
     int32_t entry = top_[in_top(c)];
     while (level > 1 && entry >= 0) {

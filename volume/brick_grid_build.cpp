@@ -81,6 +81,8 @@ struct HashOfCorners {
 /// Makes a grid of sampled cells and of constant boxes.
 class BrickGrid::Builder {
  public:
+  class Recut;
+
   Builder(BrickGrid& grid, const Task& task, MemoryFile* file)
       : grid_(grid),
         task_(task),
@@ -383,6 +385,114 @@ BrickGrid BrickGrid::build(const VoxelBox& box, const Occupancy& occupied, const
   return grid;
 }
 
+/// Tells a builder what a grid holds that is cut into cells of another size: constant parts of space stay constant, and
+/// bricks that cells share are shared again.
+class BrickGrid::Builder::Recut {
+ public:
+  Recut(const BrickGrid& old, const BrickGrid& grid, Builder& builder)
+      : old_(old), grid_(grid), builder_(builder), uses_(old.brick_count() + 1) {
+    old.each_distinct_cell([&](const Cell& cell, uint64_t count) { uses_[cell.brick] += count; });
+    find_constant_nodes();
+  }
+
+  void run() {
+    const ivec3& n = old_.top_count_;
+    for (int x = 0; x < n.x; ++x)
+      for (int y = 0; y < n.y; ++y)
+        for (int z = 0; z < n.z; ++z) {
+          const ivec3 first = ivec3(x, y, z) << (kNodeBits * old_.depth_);
+          visit(old_.depth_, old_.top_[old_.in_top(first)], first);
+        }
+    builder_.place(constants_);
+  }
+
+ private:
+  void find_constant_nodes() {
+    of_node_.resize(old_.cells_.size() / kNodeCells);
+    for (size_t i = 0; i < of_node_.size(); ++i) {
+      const Cell* const cells = old_.cells_.data() + i * kNodeCells;
+      if (cells->brick == 0) continue;
+      const auto [low, high] = bounds_of(std::span<const float>(old_.brick(*cells), old_.brick_values()));
+      if (low == high && std::all_of(cells, cells + kNodeCells, [&](const Cell& c) { return c.brick == cells->brick; }))
+        of_node_[i] = low;
+    }
+    of_inner_.resize(old_.inner_levels_.size());
+    for (int level = 2; level <= old_.depth_; ++level)
+      for (size_t i = 0; i < of_inner_.size(); ++i) {
+        if (old_.inner_levels_[i] != level) continue;
+        const int32_t* const entries = old_.inner_.data() + i * kNodeCells;
+        const std::optional<float> value = value_of(level - 1, entries[0]);
+        if (value &&
+            std::all_of(entries, entries + kNodeCells, [&](int32_t e) { return value_of(level - 1, e) == value; }))
+          of_inner_[i] = value;
+      }
+  }
+
+  /// Of an entry all of whose cells hold one value.
+  std::optional<float> value_of(int level, int32_t entry) const {
+    if (entry < 0) return {};
+    return (level == 1 ? of_node_ : of_inner_)[static_cast<size_t>(entry)];
+  }
+
+  /// @param entry  of the old grid, on a level of its tree   @param first  its lowest cell
+  void visit(int level, int32_t entry, const ivec3& first) {
+    if (entry < 0) return;
+    if (const std::optional<float> value = value_of(level, entry)) {
+      const ivec3 lo = old_.origin_ + (first << old_.cell_bits_);
+      constants_.push_back({{lo, lo + (1 << (old_.cell_bits_ + kNodeBits * level))}, *value});
+      return;
+    }
+    for (int i = 0; i < kNodeCells; ++i) {
+      const ivec3 at(i >> 2 * kNodeBits, i >> kNodeBits & (kNodeWidth - 1), i & (kNodeWidth - 1));
+      const ivec3 c = first + (at << (kNodeBits * (level - 1)));
+      const size_t where = static_cast<size_t>(entry) * kNodeCells + static_cast<size_t>(i);
+      if (level > 1)
+        visit(level - 1, old_.inner_[where], c);
+      else if (old_.cells_[where].brick != 0)
+        touch_covered(c);
+    }
+  }
+
+  /// Touches the new cells that share space with an old one.
+  void touch_covered(const ivec3& old_cell) {
+    const ivec3 from = (old_cell << old_.cell_bits_) >> grid_.cell_bits_,
+                to = glm::min((((old_cell + 1) << old_.cell_bits_) - 1) >> grid_.cell_bits_, grid_.cell_count_ - 1);
+    for (int x = from.x; x <= to.x; ++x)
+      for (int y = from.y; y <= to.y; ++y)
+        for (int z = from.z; z <= to.z; ++z) touch({x, y, z});
+  }
+
+  /// A new cell is sampled; if all old cells that it covers share their bricks with others, once for all new cells that
+  /// cover the same bricks in the same places.
+  void touch(const ivec3& c) {
+    if (!builder_.touch(c)) return;
+    const int bits = grid_.cell_bits_;
+    const ivec3 lo = (c << bits) >> old_.cell_bits_, hi = (((c + 1) << bits) - 1) >> old_.cell_bits_;
+    std::string key;
+    bool shared = true;
+    const auto add = [&](int32_t number) { key.append(reinterpret_cast<const char*>(&number), sizeof number); };
+    for (int x = lo.x; x <= hi.x && shared; ++x)
+      for (int y = lo.y; y <= hi.y && shared; ++y)
+        for (int z = lo.z; z <= hi.z && shared; ++z) {
+          const ivec3 covered(x, y, z);
+          const uint32_t brick = glm::all(glm::lessThan(covered, old_.cell_count_)) ? old_.cell(covered).brick : 0;
+          shared = brick == 0 || uses_[brick] > 1;
+          add(static_cast<int32_t>(brick));
+        }
+    if (!shared) return builder_.ask(c);
+    for (int a = 0; a < 3; ++a) add((c[a] << bits) & (old_.cell_size() - 1));
+    const auto [first, fresh] = known_.try_emplace(key, c);
+    fresh ? builder_.ask(c) : builder_.repeat(c, first->second);
+  }
+
+  const BrickGrid &old_, &grid_;
+  Builder& builder_;
+  std::vector<uint64_t> uses_;                            // cells that hold each brick
+  std::vector<std::optional<float>> of_node_, of_inner_;  // value_of entries on level 1, and above
+  std::vector<ConstantBox> constants_;
+  std::unordered_map<std::string, ivec3> known_;  // the first new cell that covers these old bricks
+};
+
 BrickGrid BrickGrid::recut(int cell_size, const Task& task) const {
   if (empty() || cell_size == this->cell_size()) return *this;
   BrickGrid grid;
@@ -392,89 +502,9 @@ BrickGrid BrickGrid::recut(int cell_size, const Task& task) const {
   grid.support_hi_ = support_hi_;
   grid.cell_count_ = ((cell_count_ << cell_bits_) + (cell_size - 1)) >> grid.cell_bits_;
   grid.set_depth();
+
   Builder builder(grid, task, nullptr);
-
-  // The value of nodes and of blocks of entries that hold one.
-  const size_t nodes = cells_.size() / kNodeCells;
-  std::vector<std::optional<float>> of_node(nodes), of_inner(inner_levels_.size());
-  for (size_t i = 0; i < nodes; ++i) {
-    const Cell* const cells = cells_.data() + i * kNodeCells;
-    if (cells->brick == 0) continue;
-    const std::span<const float> values(brick(*cells), brick_values());
-    const auto [low, high] = bounds_of(values);
-    if (low == high && std::all_of(cells, cells + kNodeCells, [&](const Cell& c) { return c.brick == cells->brick; }))
-      of_node[i] = low;
-  }
-  const auto value_of = [&](int level, int32_t entry) {
-    if (entry < 0) return std::optional<float>();
-    return (level == 1 ? of_node : of_inner)[static_cast<size_t>(entry)];
-  };
-  for (int level = 2; level <= depth_; ++level)
-    for (size_t i = 0; i < inner_levels_.size(); ++i) {
-      if (inner_levels_[i] != level) continue;
-      const int32_t* const entries = inner_.data() + i * kNodeCells;
-      const std::optional<float> value = value_of(level - 1, entries[0]);
-      if (value &&
-          std::all_of(entries, entries + kNodeCells, [&](int32_t e) { return value_of(level - 1, e) == value; }))
-        of_inner[i] = value;
-    }
-
-  // Bricks that several cells share: where all that a new cell covers is shared, others cover the same.
-  std::vector<uint64_t> uses(brick_count() + 1);
-  each_distinct_cell([&](const Cell& cell, uint64_t count) { uses[cell.brick] += count; });
-  std::unordered_map<std::string, ivec3> known;
-  const auto touch = [&](const ivec3& c) {
-    if (!builder.touch(c)) return;
-    const ivec3 lo = (c << grid.cell_bits_) >> cell_bits_, hi = (((c + 1) << grid.cell_bits_) - 1) >> cell_bits_;
-    std::string key;
-    bool shared = true;
-    const auto add = [&](int32_t number) { key.append(reinterpret_cast<const char*>(&number), sizeof number); };
-    for (int x = lo.x; x <= hi.x && shared; ++x)
-      for (int y = lo.y; y <= hi.y && shared; ++y)
-        for (int z = lo.z; z <= hi.z && shared; ++z) {
-          const ivec3 old(x, y, z);
-          const uint32_t brick = glm::all(glm::lessThan(old, cell_count_)) ? cell(old).brick : 0;
-          shared = brick == 0 || uses[brick] > 1;
-          add(static_cast<int32_t>(brick));
-        }
-    if (!shared) return builder.ask(c);
-    for (int a = 0; a < 3; ++a) add((c[a] << grid.cell_bits_) & (this->cell_size() - 1));
-    const auto [first, fresh] = known.try_emplace(key, c);
-    fresh ? builder.ask(c) : builder.repeat(c, first->second);
-  };
-
-  // ConstantPart parts of space stay such; each new cell that shares space with an old one that is not empty is
-  // sampled.
-  std::vector<ConstantBox> constants;
-  const auto visit = [&](const auto& self, int level, int32_t entry, const ivec3& first) -> void {
-    if (entry < 0) return;
-    if (const std::optional<float> value = value_of(level, entry)) {
-      const ivec3 lo = origin_ + (first << cell_bits_);
-      constants.push_back({{lo, lo + (1 << (cell_bits_ + kNodeBits * level))}, *value});
-      return;
-    }
-    for (int i = 0; i < kNodeCells; ++i) {
-      const ivec3 at(i >> 2 * kNodeBits, i >> kNodeBits & (kNodeWidth - 1), i & (kNodeWidth - 1));
-      const ivec3 c = first + (at << (kNodeBits * (level - 1)));
-      const size_t where = static_cast<size_t>(entry) * kNodeCells + static_cast<size_t>(i);
-      if (level > 1) {
-        self(self, level - 1, inner_[where], c);
-      } else if (cells_[where].brick != 0) {
-        const ivec3 from = (c << cell_bits_) >> grid.cell_bits_,
-                    to = glm::min(((c + 1) << cell_bits_) - 1 >> grid.cell_bits_, grid.cell_count_ - 1);
-        for (int x = from.x; x <= to.x; ++x)
-          for (int y = from.y; y <= to.y; ++y)
-            for (int z = from.z; z <= to.z; ++z) touch({x, y, z});
-      }
-    }
-  };
-  for (int x = 0; x < top_count_.x; ++x)
-    for (int y = 0; y < top_count_.y; ++y)
-      for (int z = 0; z < top_count_.z; ++z) {
-        const ivec3 first = ivec3(x, y, z) << (kNodeBits * depth_);
-        visit(visit, depth_, top_[in_top(first)], first);
-      }
-  builder.place(constants);
+  Builder::Recut(*this, grid, builder).run();
   builder.sample([&](const ivec3& lo, float* values) {
     const ivec3 first = lo - origin_;
     for (int x = 0; x <= cell_size; ++x)

@@ -46,7 +46,7 @@ class Detail {
   /// Points per voxel of the last octave's lattice.
   double finest() const { return frequency_ * (1 << (octaves_ - 1)); }
 
-  // As kernels read it.
+  // For the SIMD kernels, which compute the same noise.
 
   int octaves() const { return octaves_; }
   double frequency() const { return frequency_; }

@@ -6,6 +6,7 @@
 #include <utility>
 
 #include "volume/cell_values.h"
+#include "volume/vdb_io.h"
 #include "volume/velocity_extension.h"
 
 namespace brume {
@@ -52,17 +53,15 @@ BrickGrid envelope_of(const VectorBricks& field, const VoxelBox& box, const Bric
 
 }  // namespace
 
-Displacement displacement_over(const StoredVelocity& velocity, const BrickGrid& density, const VoxelBox& density_box,
-                               const dmat4& world_from_index, double scale, double open, double close,
+Displacement displacement_over(const StoredVelocity& velocity, const ScalarField& density, const ShutterMotion& motion,
                                std::vector<std::string>& notes, const Task& task) {
-  ExtendedVelocity extended =
-      extend_velocity(velocity, density, density_box, world_from_index, scale, open, close, notes, task);
+  ExtendedVelocity extended = extend_velocity(velocity, density, motion, notes, task);
   Displacement result;
   result.field = std::move(extended.field);
-  result.envelope = envelope_of(result.field, extended.box, density, open, close, task);
-  result.origin_shift = dvec3(density.origin() - result.envelope.origin());
-  result.open = open;
-  result.close = close;
+  result.envelope = envelope_of(result.field, extended.box, density.bricks, motion.open, motion.close, task);
+  result.origin_shift = dvec3(density.bricks.origin() - result.envelope.origin());
+  result.open = motion.open;
+  result.close = motion.close;
   return result;
 }
 

@@ -7,6 +7,9 @@
 
 namespace brume {
 
+struct ScalarField;
+struct ShutterMotion;
+
 /// A velocity as it is stored: world units of its file per unit of time, each component on a lattice of its own.
 struct StoredVelocity {
   struct Component {
@@ -26,12 +29,8 @@ struct StoredVelocity {
 /// The density at x is the one stored at x - s v(x), so v must be known wherever the density may arrive. Where none is
 /// stored, and where there is neither velocity nor density, it is that of the nearest voxels that have one. Density
 /// without a velocity stands still, but for what lies within four voxels of one.
-/// @param world_from_index  of the density
-/// @param scale             world units per frame, for one unit of stored velocity
-/// @param open, close       shutter, in frames around the density's own time
 /// @throws InputError for a velocity far away from the density
-Displacement displacement_over(const StoredVelocity& velocity, const BrickGrid& density, const VoxelBox& density_box,
-                               const dmat4& world_from_index, double scale, double open, double close,
+Displacement displacement_over(const StoredVelocity& velocity, const ScalarField& density, const ShutterMotion& motion,
                                std::vector<std::string>& notes, const Task& task);
 
 }  // namespace brume

@@ -20,7 +20,7 @@ dvec3 blackbody(double kelvin);
 ///
 /// The black body is tabulated by temperature with 2048 entries per octave from 500 K, the leading bits of the
 /// temperature as a single-precision number, and linear between: within 1e-4 of blackbody() at every temperature,
-/// whatever the grid's range (tests/render/media_test.cpp).
+/// whatever the grid's range (tests/render/emission_test.cpp).
 class EmissionRamp {
  public:
   static constexpr float kColdest = 500.0f;  ///< [K] below it no emission is seen
@@ -91,7 +91,7 @@ class EmissionField {
   /// Unbiased estimate of the emission coefficient's integral along a world ray from t_min to t_max: one jittered
   /// look-up in each stratum of at most `stride` voxels. Where t_max is a free flight's end, its expectation is the
   /// emitted radiance, transmittance included, because the flight passes t with the probability T(t). Proof:
-  /// tests/render/media_test.cpp
+  /// tests/render/emission_test.cpp
   /// @param time  in [0, 1] of the shutter
   dvec3 integrate(const Ray& world, double t_min, double t_max, double stride, double time, Rng& rng) const;
   /// Offers the look-ups of that integral to a point.

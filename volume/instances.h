@@ -74,7 +74,7 @@ class Instances {
       return t_max;
     });
   }
-  /// The same for all around a point.
+  /// Calls visit(number) for all whose boxes hold a point.
   template <class Visit>
   void each_around(const dvec3& p, const Visit& visit) const {
     each_near(p, p, [&](size_t i) {

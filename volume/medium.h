@@ -125,7 +125,7 @@ class Medium {
     if (!instances_) return visit(*this, size_t{0});
     instances_->each_met(world, t_max, [&](size_t i) { visit(instance(i), i); });
   }
-  /// The same for each around a world point.
+  /// Calls visit(medium, number) for each instance whose box holds a world point, or once with itself.
   template <class Visit>
   void each_around(const dvec3& world, const Visit& visit) const {
     if (!instances_) return visit(*this, size_t{0});

@@ -41,8 +41,8 @@ class Noise {
   double fractal(dvec3 p, int octaves, double gain = 0.5) const {
     return fractal(p, octaves, gain, [](double, double) { return false; });
   }
-  /// @param enough  of a sum of octaves and of how much those that are missing add or take off at most: whether the sum
-  ///                of all is not needed any more
+  /// @param enough  (sum, rest): whether to stop at a sum of octaves from which that of all differs by `rest` at
+  ///                most
   template <class Enough>
   double fractal(dvec3 p, int octaves, double gain, const Enough& enough) const {
     constexpr double kBound = 1.5;  // of an octave: three components of slopes, half a cube away

@@ -66,7 +66,7 @@ class DensityRule {
   float largest_, limit_;
 };
 
-/// A line for each kind of value of a density that counts as another.
+/// A line for each kind of value that was replaced: NaN, infinite, negative, denormal.
 std::vector<std::string> notes_of_values(const GridSummary& summary, float largest);
 std::string note_of_limited(const GridSummary& summary, uint64_t voxels, double limit);
 

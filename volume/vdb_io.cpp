@@ -230,13 +230,12 @@ StoredVelocity load_velocity(const fs::path& path, const std::string& grid, cons
   return ask<StoredVelocity>(request, task);
 }
 
-Displacement load_displacement(const fs::path& path, const std::string& grid, const ScalarField& density, double scale,
-                               double open_time, double close_time, std::vector<std::string>& notes, const Task& task) {
+Displacement load_displacement(const fs::path& path, const std::string& grid, const ScalarField& density,
+                               const ShutterMotion& motion, std::vector<std::string>& notes, const Task& task) {
   const StoredVelocity velocity = load_velocity(path, grid, task);
   notes.insert(notes.end(), velocity.notes.begin(), velocity.notes.end());
   try {
-    return displacement_over(velocity, density.bricks, density.summary.box, density.world_from_index, scale, open_time,
-                             close_time, notes, task);
+    return displacement_over(velocity, density, motion, notes, task);
   } catch (const InputError& error) {
     fail(path, error.what());
   }

@@ -109,14 +109,16 @@ VectorField load_colour(const std::filesystem::path& path, const std::string& gr
 /// @throws InputError: as load_scalar; neither a grid of three-vectors nor three grids of numbers
 StoredVelocity load_velocity(const std::filesystem::path& path, const std::string& grid, const Task& task = {});
 
+struct ShutterMotion {
+  double scale;        ///< world units of the velocity's file per frame, for one unit of stored velocity
+  double open, close;  ///< shutter, in frames around the density's own time
+};
+
 /// Loads a velocity onto a density's lattice, in voxels per frame, extended to wherever it brings the density; and
 /// bounds the density over all that the motion between two times can bring to each place.
-/// @param scale       world units of the file per frame, for one unit of stored velocity
-/// @param open,close  shutter, in frames around the density's own time
 /// @throws InputError: as load_velocity
 Displacement load_displacement(const std::filesystem::path& path, const std::string& grid, const ScalarField& density,
-                               double scale, double open, double close, std::vector<std::string>& notes,
-                               const Task& task = {});
+                               const ShutterMotion& motion, std::vector<std::string>& notes, const Task& task = {});
 
 /// Writes a fog volume "density" whose voxels sit at voxel_size * (i, j, k). @throws InputError
 /// @param sample   density at a voxel; values <= 0 are left inactive

@@ -66,18 +66,15 @@ void sum_around(const std::vector<float>& window, float* sums) {
 /// A velocity on the lattice of the density that it moves, on its way to the places where the density may arrive.
 class Extension {
  public:
-  Extension(const StoredVelocity& velocity, const BrickGrid& density, const VoxelBox& density_box,
-            const dmat4& world_from_index, double scale, double open, double close, const Task& task)
+  Extension(const StoredVelocity& velocity, const ScalarField& density, const ShutterMotion& motion, const Task& task)
       : velocity_(velocity),
-        density_(density),
-        world_from_index_(world_from_index),
-        voxels_from_world_(glm::inverse(dmat3(world_from_index))),
-        scale_(scale),
-        open_(open),
-        close_(close),
+        density_(density.bricks),
+        world_from_index_(density.world_from_index),
+        voxels_from_world_(glm::inverse(dmat3(density.world_from_index))),
+        motion_(motion),
         task_(task),
-        density_box_(density_box),
-        box_(density_box) {}
+        density_box_(density.summary.box),
+        box_(density.summary.box) {}
 
   ExtendedVelocity run(std::vector<std::string>& notes) {
     locate();
@@ -115,14 +112,14 @@ class Extension {
   /// The range of displacements while the shutter is open.
   Range over_shutter(const Range& velocity) const {
     Range range;
-    for (const double t : {open_, close_}) {
+    for (const double t : {motion_.open, motion_.close}) {
       range.include({velocity.low * t, velocity.low * t});
       range.include({velocity.high * t, velocity.high * t});
     }
     return range;
   }
 
-  /// What box velocity and density fill, and what part of the velocity can bring density anywhere.
+  /// Finds the box of velocity and density together, and the part of the velocity that can move any density.
   void locate() {
     Range world;
     for (size_t c = 0; c < 3; ++c) {
@@ -139,8 +136,8 @@ class Extension {
     Range voxels;
     for (int c = 0; c < 3; ++c)
       for (int a = 0; a < 3; ++a) {
-        const double l = voxels_from_world_[a][c] * world.low[a] * scale_,
-                     h = voxels_from_world_[a][c] * world.high[a] * scale_;
+        const double l = voxels_from_world_[a][c] * world.low[a] * motion_.scale,
+                     h = voxels_from_world_[a][c] * world.high[a] * motion_.scale;
         voxels.low[c] += std::min(l, h);
         voxels.high[c] += std::max(l, h);
       }
@@ -187,7 +184,7 @@ class Extension {
             const std::optional<float> x = of[0].of_brick(lo), y = of[1].of_brick(lo), z = of[2].of_brick(lo);
             if (x && y && z) {
               const dvec3 world(*x, *y, *z);
-              std::fill_n(values, BrickGrid::kBrick, finite_or_zero((voxels_from_world_ * world)[c] * scale_));
+              std::fill_n(values, BrickGrid::kBrick, finite_or_zero((voxels_from_world_ * world)[c] * motion_.scale));
               return;
             }
             each_voxel(lo, values, [&](const ivec3& v) {
@@ -195,7 +192,7 @@ class Extension {
               for (int a = 0; a < 3; ++a)
                 if (voxels_from_world_[a][c] != 0)
                   world[a] = static_cast<double>(of[static_cast<size_t>(a)](v).value_or(0.0f));
-              return finite_or_zero((voxels_from_world_ * world)[c] * scale_);
+              return finite_or_zero((voxels_from_world_ * world)[c] * motion_.scale);
             });
           },
           quiet(task_));
@@ -307,7 +304,7 @@ class Extension {
       const ivec3 c = first + local;
       Range v = range_in(parts, c);
       if (!known_everywhere(c)) each_around(c, [&](const ivec3& near) { v.include(range_in(parts, near)); });
-      for (const double t : {open_, close_}) {
+      for (const double t : {motion_.open, motion_.close}) {
         const Range move{glm::min(v.low * t, v.high * t), glm::max(v.low * t, v.high * t)};
         if (length(move) == 0) continue;
         moves.push_back(move);
@@ -424,7 +421,7 @@ class Extension {
   const BrickGrid& density_;
   const dmat4 world_from_index_;
   const dmat3 voxels_from_world_;
-  const double scale_, open_, close_;
+  const ShutterMotion motion_;
   const Task& task_;
   const VoxelBox density_box_;
   VoxelBox box_, useful_;
@@ -437,10 +434,9 @@ class Extension {
 
 }  // namespace
 
-ExtendedVelocity extend_velocity(const StoredVelocity& velocity, const BrickGrid& density, const VoxelBox& density_box,
-                                 const dmat4& world_from_index, double scale, double open, double close,
-                                 std::vector<std::string>& notes, const Task& task) {
-  return Extension(velocity, density, density_box, world_from_index, scale, open, close, task).run(notes);
+ExtendedVelocity extend_velocity(const StoredVelocity& velocity, const ScalarField& density,
+                                 const ShutterMotion& motion, std::vector<std::string>& notes, const Task& task) {
+  return Extension(velocity, density, motion, task).run(notes);
 }
 
 }  // namespace brume

@@ -13,8 +13,7 @@ struct ExtendedVelocity {
 };
 
 /// A stored velocity wherever the density that it moves may arrive. Parameters, errors: as displacement_over.
-ExtendedVelocity extend_velocity(const StoredVelocity& velocity, const BrickGrid& density, const VoxelBox& density_box,
-                                 const dmat4& world_from_index, double scale, double open, double close,
-                                 std::vector<std::string>& notes, const Task& task);
+ExtendedVelocity extend_velocity(const StoredVelocity& velocity, const ScalarField& density,
+                                 const ShutterMotion& motion, std::vector<std::string>& notes, const Task& task);
 
 }  // namespace brume

@@ -146,6 +146,33 @@ struct View {
   std::optional<dvec2> film_of_direction(const dvec3& d) const { return camera.film_of_direction(d, time); }
 };
 
+/// Mean of where the things that a pixel shows were and will be, relative to the pixel, weighted by what they cover.
+struct MeanMotion {
+  dvec2 here;
+  dvec2 before{0}, after{0};
+  double all = 0;
+
+  void add(double cover, const std::optional<dvec2>& was, const std::optional<dvec2>& will) {
+    if (!was || !will) return;  // behind the camera
+    before += cover * (*was - here);
+    after += cover * (*will - here);
+    all += cover;
+  }
+};
+
+/// Calls visit(z, cover) for kPoints depths inside a part of a deep pixel, where equal shares of what it covers lie:
+/// its transmittance falls off exponentially.
+template <class Visit>
+void each_inside(const DeepPart& part, double cover, double transmittance, const Visit& visit) {
+  const double share = cover / transmittance, depth = -std::log1p(-std::min(share, 1 - 1e-9));
+  const double length = part.z_back - part.z;
+  for (int k = 0; k < kPoints; ++k) {
+    const double of_share = (k + 0.5) / kPoints;
+    visit(part.z + length * (share < 1e-4 ? of_share : -std::log1p(-of_share * std::min(share, 1 - 1e-9)) / depth),
+          cover / kPoints);
+  }
+}
+
 }  // namespace
 
 void add_motion(const DeepRecord& record, MotionScenes scenes, Layers& frame,
@@ -169,44 +196,28 @@ void add_motion(const DeepRecord& record, MotionScenes scenes, Layers& frame,
       const dvec2 here = dvec2(corner + ivec2(x, y)) + 0.5;
       const Ray ray = now.camera.ray(here, dvec2(0.5), now.time);
       const double per_depth = 1 / (now.camera.depth(ray.o + ray.d, now.time) - now.camera.depth(ray.o, now.time));
-      dvec2 before(0), after(0);
-      double all = 0;
-      const auto add = [&](double cover, const std::optional<dvec2>& was, const std::optional<dvec2>& will) {
-        if (!was || !will) return;  // behind the camera
-        before += cover * (*was - here);
-        after += cover * (*will - here);
-        all += cover;
-      };
       const auto at = [&](double z) { return ray.o + z * per_depth * ray.d; };
-      const std::vector<DeepPart> parts = record.parts({x, y});
+      MeanMotion mean{here};
+      const auto add = [&](double cover, const Moved& moved) {
+        mean.add(cover, previous.film_of(moved.previous), next.film_of(moved.next));
+      };
       double left = 1;
-      for (const DeepPart& part : parts) {
-        const double cover = left - static_cast<double>(part.left), length = part.z_back - part.z;
+      for (const DeepPart& part : record.parts({x, y})) {
+        const double cover = left - static_cast<double>(part.left);
         if (!(cover > 0)) continue;
-        if (length > 0) {
-          // Where shares of what the part covers lie, of an exponential.
-          const double share = cover / left, depth = -std::log1p(-std::min(share, 1 - 1e-9));
-          for (int k = 0; k < kPoints; ++k) {
-            const double of_share = (k + 0.5) / kPoints;
-            const double z =
-                part.z +
-                length * (share < 1e-4 ? of_share : -std::log1p(-of_share * std::min(share, 1 - 1e-9)) / depth);
-            const Moved moved = motion.inside(at(z));
-            add(cover / kPoints, previous.film_of(moved.previous), next.film_of(moved.next));
-          }
-        } else {
-          const Moved moved = motion.on_surface(ray, at(part.z));
-          add(cover, previous.film_of(moved.previous), next.film_of(moved.next));
-        }
+        if (part.z_back > part.z)
+          each_inside(part, cover, left, [&](double z, double share) { add(share, motion.inside(at(z))); });
+        else
+          add(cover, motion.on_surface(ray, at(part.z)));
         left = part.left;
       }
-      if (!(all > kNothing)) {
-        before = after = dvec2(0);
-        all = 0;
-        add(1, previous.film_of_direction(ray.d), next.film_of_direction(ray.d));
+      if (!(mean.all > kNothing)) {
+        mean = {here};
+        mean.add(1, previous.film_of_direction(ray.d), next.film_of_direction(ray.d));
       }
-      if (!(all > 0)) continue;
-      const std::array<double, 4> values = {before.x / all, before.y / all, after.x / all, after.y / all};
+      if (!(mean.all > 0)) continue;
+      const dvec2 before = mean.before / mean.all, after = mean.after / mean.all;
+      const std::array<double, 4> values = {before.x, before.y, after.x, after.y};
       for (size_t i = 0; i < 4; ++i) (*planes[i])(x, y) = static_cast<float>(values[i]);
     }
   });

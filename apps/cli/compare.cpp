@@ -63,7 +63,7 @@ std::string table_of(const ComparisonReport::Layer& compared, bool named, const 
                             medium ? fmt::format("{:>14}", compared.regions[1].pixels) : "");
 }
 
-/// What a table is about, below it.
+/// The line below a table that says how its errors were measured.
 std::string policy_line(const std::string& policy, bool two_references) {
   return fmt::format("Lab: {}{}\n", policy, two_references ? "; reference noise removed by two references" : "");
 }

@@ -97,7 +97,7 @@ void tell(const Common& common, const Host::Update& update) {
 std::atomic<bool> interrupted{false};
 
 void stop_with_stdin() {
-  constexpr auto kOrderlyEnd = std::chrono::seconds(10);  // who would wait for more is gone
+  constexpr auto kOrderlyEnd = std::chrono::seconds(10);  // after stdin has closed; then the process is ended
   std::thread([=] {
     std::array<char, 256> ignored{};
     while (true) {

@@ -110,7 +110,7 @@ std::vector<double> numbers(const std::string& what, py::handle value) {
 /// Faces of three corners or more, cut into triangles.
 Polygons polygons(const std::string& what, py::handle value) {
   const py::array given = to_real_array(what, value);
-  if (given.size() == 0) return {};  // of floats, as NumPy makes one of []
+  if (given.size() == 0) return {};  // NumPy makes an array of floats of [], so its type says nothing
   if (std::string_view("iu").find(given.dtype().kind()) == std::string_view::npos)
     throw py::type_error(
         fmt::format("{}: expected integers, found {}", what, to_text(py::str(given.dtype().attr("name")))));

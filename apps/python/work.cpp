@@ -35,11 +35,11 @@ struct Mailbox {
   bool done = false;
   double fraction = 0;
   std::vector<std::pair<const char*, std::string>> lines;  // the logger's method, the text
-  const std::function<void()>* job = nullptr;              // for the one that waits
+  const std::function<void()>* job = nullptr;              // that the waiting thread is to run
   std::exception_ptr failure_of_job;
   std::condition_variable job_done;
-  std::shared_ptr<Layers> picture;  // that nobody has looked at
-  bool looking = false;             // somebody does at the one before
+  std::shared_ptr<Layers> picture;  // the newest that has not been shown
+  bool looking = false;             // whether the one before is being shown
   Clock::time_point looked = Clock::now() - kBetweenPictures;
 };
 

@@ -35,8 +35,8 @@ using tcp = asio::ip::tcp;
 using namespace std::chrono_literals;
 
 constexpr size_t kMostConnections = 32, kMostTexts = 64;
-constexpr auto kPatience = 30s;      // with a request that does not end
-constexpr auto kWithoutPages = 60s;  // after which nothing more is rendered
+constexpr auto kPatience = 30s;      // a request that takes longer to arrive is refused
+constexpr auto kWithoutPages = 60s;  // after the last page has closed, nothing more is rendered
 constexpr auto kFileCheck = 500ms;
 
 std::string new_secret() {

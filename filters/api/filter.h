@@ -175,7 +175,8 @@ class Declaration {
     entry_.defaults = P{};
   }
   Declaration& source(std::string text) { return entry_.source = std::move(text), *this; }
-  /// How many times the samples its result is worth, and when to take it.
+  /// @param samples  how many times as many samples would give an unfiltered picture of the result's error
+  /// @param when     for which frames to choose it, in words
   Declaration& merit(double samples, std::string when) {
     entry_.merit = samples;
     entry_.when = std::move(when);

@@ -80,7 +80,7 @@ struct Prefiltered {
       fa = smooth(f.half_b, f.half_a);
       fb = smooth(f.half_a, f.half_b);
     }
-    // For the last step: the mean of both, smoothed with the noise that is left.
+    // For the last step both halves are averaged and smoothed; half their squared difference is the noise left.
     std::vector<Plane> mean, residual;
     for (size_t c = 0; c < fa.size(); ++c) {
       mean.push_back(mean_of(fa[c], fb[c], task));

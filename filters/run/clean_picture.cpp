@@ -372,6 +372,133 @@ class SignalFilter {
   std::map<std::string, std::vector<std::string>> said_of_;  // notes, by their text: of which signals
 };
 
+/// Cleans a picture in the order of its public members.
+class PictureCleaner {
+ public:
+  /// @throws InputError where the picture is of whole numbers, or has nothing that may be cleaned
+  PictureCleaner(const ForeignFrame& given, Layers& file, const ExrInfo& info, bool only_indirect, const Task& task)
+      : given_(given), picture_(given), file_(file), info_(info), only_indirect_(only_indirect), task_(task) {
+    add_other_lights(picture_, file, info);
+    result_.notes = picture_.remarks;
+    for (const std::string& name : picture_.channels())
+      if (type_of(info, name) == "uint" && name != picture_.sample_count && name != picture_.alpha)
+        throw InputError(fmt::format("channel {} holds whole numbers, which are no light", name));
+    signals_ = cleaned_signals(picture_);
+    if (std::none_of(signals_.begin(), signals_.end(), [&](const ForeignSignal& s) { return wanted(s); }))
+      throw InputError("no pass is known to be light scattered more than once, which --component indirect cleans");
+  }
+
+  /// What passes leave of the picture becomes a signal of its own, in the picture's channels.
+  void take_passes_apart() {
+    if (!has_passes()) return;
+    const auto colors = planes(picture_.color.channels);
+    light_ = luminance_of({colors[0], colors[1], colors[2]}, FrameSpace(file_), task_);
+    bool half = type_of(info_, picture_.color.channels[0]) == "half";
+    for (const ForeignSignal& pass : picture_.passes) {
+      parts_.add(pass, file_);
+      half |= type_of(info_, pass.channels[0]) == "half";
+    }
+    if (!subtract(parts_, colors, half)) return;
+    signals_.push_back({.name = kRest, .channels = picture_.color.channels});
+    parts_.add(signals_.back(), file_);
+    result_.notes.push_back(fmt::format(
+        "the passes do not make up the whole of {}: what they leave is {} too, as a part of its own that no channel holds",
+        picture_.color.name, only_indirect_ ? "kept" : "cleaned"));
+  }
+
+  void filter_signals(const FilterSettings& filter, const ApplyOptions& options) {
+    SignalFilter clean(filter, picture_, file_, info_, options, task_, result_, std::move(light_));
+    const auto count = static_cast<double>(signals_.size() + picture_.lights.size());
+    double done = 0;
+    const auto clean_next = [&](const ForeignSignal& signal, bool skipped) {
+      if (!skipped) clean(signal, share(task_, done / count, (done + 1) / count));
+      ++done;
+    };
+    for (const ForeignSignal& signal : signals_)
+      clean_next(signal, !wanted(signal) || (has_passes() && is_uniform_signal(signal)));
+    for (const ForeignSignal& light : picture_.lights) clean_next(light, is_uniform_signal(light));
+    clean.finish();
+  }
+
+  /// The picture becomes the sum of its parts. @return that sum, where light groups are to add up to it
+  std::array<Plane, 3> add_up_passes() {
+    std::array<Plane, 3> sums;
+    if (!has_passes()) return sums;
+    const bool rest = signals_.size() > picture_.passes.size();
+    for (size_t c = 0; c < 3; ++c) {
+      Plane whole(file_.width(), file_.height());
+      for (int y = 0; y < file_.height(); ++y)
+        for (int x = 0; x < file_.width(); ++x) whole(x, y) = parts_.sum(c, x, y);
+      if (type_of(info_, picture_.target[c]) == "half") round_to_half(whole);
+      if (!picture_.lights.empty()) sums[c] = whole;
+      if (rest) *file_.find(picture_.color.channels[c]) = Plane();
+      result_.channels.push_back({picture_.target[c], std::move(whole)});
+    }
+    return sums;
+  }
+
+  /// Makes light groups add up to the clean picture.
+  void fit_lights(const std::array<Plane, 3>& sums) {
+    if (picture_.lights.empty()) return;
+    std::vector<std::array<Plane*, 3>> lights;
+    for (const ForeignSignal& group : picture_.lights) lights.push_back(planes(group.channels));
+    const auto whole = planes(picture_.color.channels);
+    add_up_exactly(lights, {},
+                   has_passes() ? RgbPlanes{&sums[0], &sums[1], &sums[2]} : RgbPlanes{whole[0], whole[1], whole[2]},
+                   task_);
+    for (const ForeignSignal& group : given_.lights)
+      for (const std::string& channel : group.channels) {
+        Plane& values = *file_.find(channel);
+        if (type_of(info_, channel) == "half") round_to_half(values);
+        result_.channels.push_back({channel, std::move(values)});
+      }
+  }
+
+  CleanPicture result(const std::string& suffix) {
+    const auto written_name = [&](const std::string& channel) {
+      return name_of_layer(suffix.empty() ? channel : channel_beside(channel, suffix));
+    };
+    if (has_passes())
+      result_.sum = fmt::format("{} = {}", written_name(picture_.target[0]), parts_.text([&](const ForeignSignal& s) {
+        return was_cleaned(s) && !suffix.empty() ? written_name(s.channels[0]) : s.name;
+      }));
+    for (const ForeignSignal& signal : signals_) {
+      if (!was_cleaned(signal)) continue;
+      const ChannelTriple& target = has_passes() ? signal.channels : picture_.target;
+      const size_t channels = target[0] == target[1] ? 1 : 3;  // grey
+      for (size_t c = 0; c < channels; ++c)
+        result_.channels.push_back({target[c], std::move(*file_.find(signal.channels[c]))});
+    }
+    return std::move(result_);
+  }
+
+ private:
+  bool has_passes() const { return !picture_.passes.empty(); }
+  bool wanted(const ForeignSignal& s) const { return !only_indirect_ || s.indirect; }
+  bool was_cleaned(const ForeignSignal& s) const {
+    return s.name != kRest &&
+           std::find(result_.cleaned.begin(), result_.cleaned.end(), s.name) != result_.cleaned.end();
+  }
+  std::array<Plane*, 3> planes(const ChannelTriple& channels) const {
+    return {file_.find(channels[0]), file_.find(channels[1]), file_.find(channels[2])};
+  }
+  bool is_uniform_signal(const ForeignSignal& signal) const {
+    const auto colours = planes(signal.channels);
+    return std::all_of(colours.begin(), colours.end(), [](const Plane* p) { return is_uniform(*p); });
+  }
+
+  const ForeignFrame& given_;
+  ForeignFrame picture_;  // with what its light groups leave
+  Layers& file_;
+  const ExrInfo& info_;
+  const bool only_indirect_;
+  const Task& task_;
+  std::vector<ForeignSignal> signals_;  // that may be cleaned: the passes and what they leave, or the picture
+  Parts parts_;                         // whose sum the picture is, where it has passes
+  Plane light_;                         // its luminance
+  CleanPicture result_;
+};
+
 }  // namespace
 
 std::string channel_beside(const std::string& channel, const std::string& suffix) {
@@ -392,106 +519,14 @@ Layers frame_of_signal(const ForeignFrame& picture, const ForeignSignal& signal,
   return frame;
 }
 
-CleanPicture clean_picture(const FilterSettings& filter, const ForeignFrame& given, Layers file, const ExrInfo& info,
+CleanPicture clean_picture(const FilterSettings& filter, const ForeignFrame& picture, Layers file, const ExrInfo& info,
                            const ApplyOptions& options, const Task& task, const std::string& suffix) {
-  CleanPicture result;
-  ForeignFrame picture = given;
-  add_other_lights(picture, file, info);
-  result.notes = picture.remarks;
-  for (const std::string& name : picture.channels())
-    if (type_of(info, name) == "uint" && name != picture.sample_count && name != picture.alpha)
-      throw InputError(fmt::format("channel {} holds whole numbers, which are no light", name));
-  std::vector<ForeignSignal> signals = cleaned_signals(picture);
-  const bool only_indirect = options.component == Component::kIndirect;
-  const auto wanted = [&](const ForeignSignal& s) { return !only_indirect || s.indirect; };
-  if (std::none_of(signals.begin(), signals.end(), wanted))
-    throw InputError("no pass is known to be light scattered more than once, which --component indirect cleans");
-  const auto planes = [&](const ChannelTriple& channels) {
-    return std::array{file.find(channels[0]), file.find(channels[1]), file.find(channels[2])};
-  };
-
-  Parts parts;
-  Plane light;
-  if (!picture.passes.empty()) {
-    const auto colors = planes(picture.color.channels);
-    light = luminance_of({colors[0], colors[1], colors[2]}, FrameSpace(file), task);
-    bool half = type_of(info, picture.color.channels[0]) == "half";
-    for (const ForeignSignal& pass : picture.passes) {
-      parts.add(pass, file);
-      half |= type_of(info, pass.channels[0]) == "half";
-    }
-    if (subtract(parts, planes(picture.color.channels), half)) {
-      signals.push_back({.name = kRest, .channels = picture.color.channels});
-      parts.add(signals.back(), file);
-      result.notes.push_back(fmt::format(
-          "the passes do not make up the whole of {}: what they leave is {} too, as a part of its own that no channel holds",
-          picture.color.name, only_indirect ? "kept" : "cleaned"));
-    }
-  }
-
-  SignalFilter clean(filter, picture, file, info, options, task, result, std::move(light));
-  for (size_t i = 0; i < signals.size(); ++i) {
-    const auto colours = planes(signals[i].channels);
-    const bool uniform = std::all_of(colours.begin(), colours.end(), [](const Plane* p) { return is_uniform(*p); });
-    if (!wanted(signals[i]) || (uniform && !picture.passes.empty())) continue;
-    const double count = static_cast<double>(signals.size() + picture.lights.size());
-    clean(signals[i], share(task, static_cast<double>(i) / count, static_cast<double>(i + 1) / count));
-  }
-  for (size_t i = 0; i < picture.lights.size(); ++i) {
-    const double done = static_cast<double>(signals.size() + i),
-                 count = static_cast<double>(signals.size() + picture.lights.size());
-    const auto colours = planes(picture.lights[i].channels);
-    if (!std::all_of(colours.begin(), colours.end(), [](const Plane* p) { return is_uniform(*p); }))
-      clean(picture.lights[i], share(task, done / count, (done + 1) / count));
-  }
-  clean.finish();
-
-  std::array<Plane, 3> sums;
-  if (!picture.passes.empty()) {
-    const bool rest = signals.size() > picture.passes.size();
-    for (size_t c = 0; c < 3; ++c) {
-      Plane whole(file.width(), file.height());
-      for (int y = 0; y < file.height(); ++y)
-        for (int x = 0; x < file.width(); ++x) whole(x, y) = parts.sum(c, x, y);
-      if (type_of(info, picture.target[c]) == "half") round_to_half(whole);
-      if (!picture.lights.empty()) sums[c] = whole;
-      if (rest) *file.find(picture.color.channels[c]) = Plane();
-      result.channels.push_back({picture.target[c], std::move(whole)});
-    }
-  }
-  if (!picture.lights.empty()) {
-    std::vector<std::array<Plane*, 3>> lights;
-    for (const ForeignSignal& group : picture.lights) lights.push_back(planes(group.channels));
-    const auto whole = planes(picture.color.channels);
-    add_up_exactly(
-        lights, {},
-        picture.passes.empty() ? RgbPlanes{whole[0], whole[1], whole[2]} : RgbPlanes{&sums[0], &sums[1], &sums[2]},
-        task);
-    for (const ForeignSignal& group : given.lights)
-      for (const std::string& channel : group.channels) {
-        Plane& values = *file.find(channel);
-        if (type_of(info, channel) == "half") round_to_half(values);
-        result.channels.push_back({channel, std::move(values)});
-      }
-  }
-  const auto was_cleaned = [&](const ForeignSignal& s) {
-    return s.name != kRest && std::find(result.cleaned.begin(), result.cleaned.end(), s.name) != result.cleaned.end();
-  };
-  const auto written_name = [&](const std::string& channel) {
-    return name_of_layer(suffix.empty() ? channel : channel_beside(channel, suffix));
-  };
-  if (!picture.passes.empty())
-    result.sum = fmt::format("{} = {}", written_name(picture.target[0]), parts.text([&](const ForeignSignal& s) {
-      return was_cleaned(s) && !suffix.empty() ? written_name(s.channels[0]) : s.name;
-    }));
-  for (const ForeignSignal& signal : signals) {
-    if (!was_cleaned(signal)) continue;
-    const ChannelTriple& target = picture.passes.empty() ? picture.target : signal.channels;
-    const size_t channels = target[0] == target[1] ? 1 : 3;  // grey
-    for (size_t c = 0; c < channels; ++c)
-      result.channels.push_back({target[c], std::move(*file.find(signal.channels[c]))});
-  }
-  return result;
+  PictureCleaner cleaner(picture, file, info, options.component == Component::kIndirect, task);
+  cleaner.take_passes_apart();
+  cleaner.filter_signals(filter, options);
+  const std::array<Plane, 3> sums = cleaner.add_up_passes();
+  cleaner.fit_lights(sums);
+  return cleaner.result(suffix);
 }
 
 }  // namespace brume

@@ -12,7 +12,7 @@ struct Run {
   const ApplyOptions& options;
   const FeaturePlan& features;
   ivec2 frame_size;
-  bool mask = false;  // medium and background apart
+  bool mask = false;  // whether medium and background are filtered apart
 };
 
 /// The part of the frames that is filtered at once.

@@ -209,8 +209,8 @@ void Film::develop(int tile) {
 
 double Film::relative_error(double exposure, int threads) const {
   constexpr int kRadius = 3;
-  constexpr double kLeastSamples = 8;       // per pixel, before anything is said
-  constexpr double kBorrowedSamples = 256;  // of the whole picture's, in every window
+  constexpr double kLeastSamples = 8;       // per pixel: with fewer the error counts as unknown
+  constexpr double kBorrowedSamples = 256;  // weight, in samples, of the whole picture's error in that of each window
   constexpr double kUnknown = std::numeric_limits<double>::infinity();
   const double floor = 0.01 / (exposure * exposure);
   const Plane& counts = layers_.at(layer::sample_count.channel(0));

@@ -15,7 +15,7 @@ struct DeepSteps {
   struct Step {
     float begin, end;
     float left;     ///< transmittance up to its end
-    float w = 0;    ///< what it takes of that
+    float w = 0;    ///< transmittance that it takes: guides' w (docs/guides.md)
     vec3 light{0};  ///< predicted, that it sends to the eye
   };
   std::vector<Step> steps;
@@ -44,7 +44,7 @@ struct DeepRay {
   vec3 light{0};         ///< predicted, that the end sends to the eye
   float mirrors = 0;     ///< transmittance to a surface whose mirrored light is not in `light`
 
-  /// Anew, with the memory that it has.
+  /// Clears it and keeps its memory.
   void begin() {
     DeepSteps kept = std::move(media);
     kept.clear();
@@ -75,16 +75,16 @@ class DeepPixels {
   std::vector<DeepPart> mean(std::span<const std::vector<DeepPart>> pixels, size_t most);
 
  private:
-  /// A place on the way through a pixel: what is seen behind it, and the light from before it.
+  /// A depth of a pixel: transmittance up to it, and the light from before it.
   struct Knot {
     float z, left, log_left;
     vec3 light;
     float light_sum;
   };
-  /// From a knot to another: a part.
+  /// A part of the deep pixel that stands for all knots from one to another.
   struct Piece {
     size_t from, to;
-    float error;  ///< the largest of what it differs by from what lies between
+    float error;  ///< the largest difference from a knot in between
   };
   /// What ends rays at nearly the same depth.
   struct Hit {
@@ -105,7 +105,7 @@ class DeepPixels {
 
   std::vector<std::vector<DeepPart>> profiles_;
   std::vector<Hit> hits_;
-  std::vector<std::pair<float, bool>> places_;  // of knots; whether behind what is there
+  std::vector<std::pair<float, bool>> places_;  // depths of knots; whether a knot lies behind what is at its depth
   std::vector<Knot> knots_;
   std::vector<float> z_, left_, light_sums_;  // the knots', side by side for vectors
   std::vector<float> above_, errors_;         // of a piece, at the knots inside

@@ -32,6 +32,8 @@ inline double peak_weight(double g) {
 /// by the exact function where the peak counts as not scattered: Nakajima, Tanaka 1988.
 class ForwardPeak {
  public:
+  static constexpr double kDeepest = 600;  ///< greater depths count as this one, whose exponential is finite
+
   ForwardPeak() = default;
   ForwardPeak(double g, double cosine) {
     if (!(g > 0)) return;
@@ -76,7 +78,6 @@ class ForwardPeak {
 
  private:
   static constexpr size_t kTerms = 8;
-  static constexpr double kDeepest = 600;  // its exponential is finite
   std::array<double, kTerms - 1> more_{};  // (p_n - p_8) / n!
   double last_ = 0;                        // p_8
 };

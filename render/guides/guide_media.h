@@ -46,7 +46,7 @@ class GuideMedia {
   }
   /// Width of a bump and a hollow of the finest detail, as a share of voxel(); 1 where nothing is finer than that.
   double grain() const;
-  /// Whether camera rays that end in some see nothing there.
+  /// Whether any medium is a holdout: it hides what is behind it and is not seen itself.
   bool holdouts() const { return holdouts_; }
   /// Whether some stand at many places.
   bool instances() const { return instances_; }

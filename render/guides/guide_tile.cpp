@@ -146,11 +146,9 @@ void GuideTile::begin(size_t pixel, int number, const CameraSample& sample, cons
   const std::optional<SurfaceHit> hit = march_.rays_.first_hit(ray);
   const auto [light, distance] = march_.context_.lights->nearest(ray, hit ? hit->t : kFar, /*seen=*/true);
   rays_.push_back({pixel, number, sample, hit, light, distance});
-  MarchedRay& marched = scene.aim(ray,
-                                  light ? distance
-                                  : hit ? hit->t
-                                        : kFar,
-                                  sample.stride, sample.offset, march_.fields_.lattice(), pixels_[pixel], batch_);
+  const double t_max = light ? distance : hit ? hit->t : kFar;
+  MarchedRay& marched =
+      scene.aim({ray, t_max, pixels_[pixel], sample.stride, sample.offset}, march_.fields_.lattice(), batch_);
   traced_[pixel].near_lamp |= marched.lamps > 0 && !marched.misses();
   if (!deep_) return;
   std::vector<DeepRay>& deep = deep_rays_[pixel];

@@ -23,7 +23,7 @@ constexpr double kNegligibleTail = 1e-3;    // the same of what one more order c
 constexpr double kNegligibleAnswer = 0.02;  // the same of light that only surfaces are to be sent
 constexpr double kLargestRatio = 0.99;      // of an order to the one before, in the tail
 constexpr size_t kMostOfTail = 12;          // orders of the tail that its sum is made of
-constexpr double kFineOrder = 2;            // scatterings of the orders on fine nodes, on average
+constexpr double kFineOrder = 2;            // mean number of scatterings of the orders that fine nodes hold
 
 /// Over a cube around a point.
 dvec3 mean_emission(const GuideMedia& media, const dvec3& middle, double size) {
@@ -127,9 +127,9 @@ class TailSum {
 
   const ScatteringSolver& solver_;
   std::vector<Source> orders_;
-  std::vector<NodeValues> changes_;            // from each order to the next, of the mean
-  std::vector<std::vector<double>> products_;  // of them, the lower triangle
-  std::vector<double> first_, weights_;        // products with the first order; of the orders
+  std::vector<NodeValues> changes_;            // of the mean radiance, from each order to the next
+  std::vector<std::vector<double>> products_;  // scalar products of the changes, the lower triangle
+  std::vector<double> first_, weights_;        // products of the changes with the first one; weights of the orders
 };
 
 }  // namespace

@@ -173,28 +173,30 @@ MarchScene::MarchScene(const std::vector<GuideMedia>& media, size_t time, const 
     to.varies = all.size() != 1;
   }
   const bool any_lamp = std::any_of(lights.begin(), lights.end(), [](const MarchedLight& l) { return !l.sun; });
-  if (!any_lamp || all.size() != 1) return;
-  constexpr auto kEntries = static_cast<size_t>(kTurns) + 1;
-  turns.resize(kEntries * (std::size(TurnedLight().phase) + std::size(TurnedLight().peak)));
+  if (any_lamp && all.size() == 1) tabulate_phases();
+}
+
+void MarchScene::tabulate_phases() {
+  constexpr auto kEntries = static_cast<size_t>(kPhaseEntries) + 1;
+  phase_tables.resize(kEntries * (std::size(LightTerms().phase) + std::size(LightTerms().peak)));
   for (size_t i = 0; i < kEntries; ++i) {
-    const double sine = static_cast<double>(i) / kTurns;
-    TurnedLight exact;
-    turn_exactly(exact, 1 - 2 * sine * sine, own_.mean_cosine(0), 1);
-    float* to = turns.data() + i;
+    const double sine = static_cast<double>(i) / kPhaseEntries;
+    LightTerms exact;
+    set_phases(exact, 1 - 2 * sine * sine, own_.mean_cosine(0), 1);
+    float* to = phase_tables.data() + i;
     for (const float phase : exact.phase) *std::exchange(to, to + kEntries) = phase;
     for (const float peak : exact.peak) *std::exchange(to, to + kEntries) = peak;
   }
 }
 
-MarchedRay& MarchScene::aim(const Ray& ray, double t_max, double stride, double offset, const Lattice& table,
-                            GuideSums& sums, MarchBatch& batch) const {
+MarchedRay& MarchScene::aim(const RayToMarch& aimed, const Lattice& table, MarchBatch& batch) const {
   MarchedRay& to = batch.rays.emplace_back();
+  const Ray& ray = to.ray = aimed.ray;
   const double step = steps.length;
-  to.ray = ray;
-  to.stride = static_cast<float>(stride);
-  to.offset = static_cast<float>(offset);
-  to.sums = &sums;
-  own_.intervals(ray, t_max, batch.intervals);
+  to.stride = static_cast<float>(aimed.stride);
+  to.offset = static_cast<float>(aimed.offset);
+  to.sums = &aimed.sums;
+  own_.intervals(ray, aimed.t_max, batch.intervals);
   if (!batch.intervals.empty())
     to.start = std::floor(batch.intervals[0].first / (kCountedSteps * step)) * kCountedSteps * step;
   to.first_part = static_cast<uint32_t>(batch.parts.size());
@@ -205,26 +207,41 @@ MarchedRay& MarchScene::aim(const Ray& ray, double t_max, double stride, double 
   to.last_part = static_cast<uint32_t>(batch.parts.size());
   if (to.misses()) return to;
   if (steps.even_stride > 1) {
-    own_.intervals(ray, t_max, to.uneven, /*uneven=*/true);
+    own_.intervals(ray, aimed.t_max, to.uneven, /*uneven=*/true);
     to.level = longest_through_layers(own_, ray);
   }
+  place_in_media(to);
+  place_at_nodes(to, table);
+  place_towards_suns(to);
+  return to;
+}
+
+/// Where the steps of a ray lie in grids and homogeneous media.
+void MarchScene::place_in_media(MarchedRay& to) const {
+  const double step = steps.length;
   for (size_t i = 0; i < grids.size(); ++i) {
-    const Ray local = own_.media()[grids[i].medium].to_local(ray);
+    const Ray local = own_.media()[grids[i].medium].to_local(to.ray);
     set_place(to.grid[i], local.at(to.start), step * local.d);
   }
   for (size_t i = 0; i < shapes.size(); ++i) {
     const Medium& medium = own_.media()[shapes[i].medium];
-    const auto [begin, end] = medium.homogeneous()->intersect(medium.to_local(ray));
+    const auto [begin, end] = medium.homogeneous()->intersect(medium.to_local(to.ray));
     to.shape[i] = vec2((begin - to.start) / step, (end - to.start) / step);
   }
-  if (grids.empty() && shapes.empty()) to.line.emplace(own_, colour_, /*detailed=*/true).follow(ray);
-  // The only medium's light was solved where it was in the middle of the shutter, a line of it was a line there, too.
+  if (grids.empty() && shapes.empty()) to.line.emplace(own_, colour_, /*detailed=*/true).follow(to.ray);
+}
+
+/// The only medium's light was solved where it was in the middle of the shutter, a line of it was a line there, too.
+void MarchScene::place_at_nodes(MarchedRay& to, const Lattice& table) const {
   const GuideMedia& middle = media_[media_.size() / 2];
   const bool alone = own_.media().size() == 1;
-  const dvec3 start = ray.at(to.start), end = ray.at(to.start + step);
+  const dvec3 start = to.ray.at(to.start), end = to.ray.at(to.start + steps.length);
   const dvec3 lit_start = alone ? own_.moved(0, start, middle) : start,
               lit_end = alone ? own_.moved(0, end, middle) : end;
   set_place(to.nodes, table.to_lattice(lit_start), (lit_end - lit_start) / table.spacing);
+}
+
+void MarchScene::place_towards_suns(MarchedRay& to) const {
   for (size_t k = 0; k < lights.size(); ++k) {
     const dvec3* const lamp = lights[k].sun ? nullptr : base_of(lights[k].light->light()).centre();
     if (lamp) {
@@ -234,14 +251,14 @@ MarchedRay& MarchScene::aim(const Ray& ray, double t_max, double stride, double 
         to.lamp[to.lamps++] = vec2(along / step, squared / (step * step));
     }
     if (!lights[k].sun) continue;
-    const SunDepth::Line line = lights[k].sun->line(ray);
-    set_place(to.light[k], line.start + to.start * line.along, step * line.along);
-    to.turned[k].irradiance = lights[k].irradiance;
-    to.turned[k].g = std::numeric_limits<double>::quiet_NaN();
+    const SunDepth::Line line = lights[k].sun->line(to.ray);
+    set_place(to.light[k], line.start + to.start * line.along, steps.length * line.along);
+    LightTerms& terms = to.terms[k];
+    terms.irradiance = lights[k].irradiance;
+    terms.g = std::numeric_limits<double>::quiet_NaN();
     if (own_.media().size() == 1)
-      turn_exactly(to.turned[k], glm::dot(lights[k].light->sun()->towards(), ray.d), own_.mean_cosine(0), 1);
+      set_phases(terms, glm::dot(lights[k].light->sun()->towards(), to.ray.d), own_.mean_cosine(0), 1);
   }
-  return to;
 }
 
 MarchScene::Point MarchScene::at(MarchedRay& ray, float t) const {
@@ -298,8 +315,7 @@ void MarchScene::emit(const MarchedRay& ray, float t, float straight, float by_p
   if (ray.deep) ray.deep->steps.back().light += vec3(emission * (unscattered + peaks));
 }
 
-// The phase function, octaves and forward peak.
-void MarchScene::turn_exactly(TurnedLight& light, double cosine, double g, double spread) const {
+void MarchScene::set_phases(LightTerms& light, double cosine, double g, double spread) const {
   const bool one = own_.media().size() == 1;
   const double phase = spread < kNarrow ? HenyeyGreenstein{spread * g}.value(cosine)
                        : one            ? own_.media()[0].phase().value(cosine)
@@ -310,16 +326,16 @@ void MarchScene::turn_exactly(TurnedLight& light, double cosine, double g, doubl
   std::copy(peak.begin(), peak.end(), light.peak);
 }
 
-MarchScene::Turned MarchScene::turn(MarchedRay& ray, size_t k, float t, float g, float depth) const {
-  TurnedLight& to = ray.turned[k];
+MarchScene::Changed MarchScene::update_terms(MarchedRay& ray, size_t k, float t, float g, float depth) const {
+  LightTerms& to = ray.terms[k];
   if (const SunLight* const sun = lights[k].light->sun()) {
     // In steps, so that it seldom changes.
     constexpr double kSteps = 1024;
     const double rounded = std::round(static_cast<double>(g) * kSteps) / kSteps;
-    if (to.g == rounded) return Turned::kSame;
+    if (to.g == rounded) return Changed::kNothing;
     to.g = rounded;
-    turn_exactly(to, glm::dot(sun->towards(), ray.ray.d), rounded, 1);
-    return Turned::kAll;
+    set_phases(to, glm::dot(sun->towards(), ray.ray.d), rounded, 1);
+    return Changed::kAll;
   }
   ArrivingLight arriving = arriving_light(lights[k].light->light(), in_light(ray, t));
   arriving.depth = depth;
@@ -327,12 +343,12 @@ MarchScene::Turned MarchScene::turn(MarchedRay& ray, size_t k, float t, float g,
   to.mean_depth = static_cast<float>(arriving.mean_depth());
   const double cosine = glm::dot(arriving.towards, ray.ray.d), spread = arriving.mean_cosine();
   // Of one medium, whose mean cosine is the same everywhere, the exact terms are interpolated.
-  if (!turns.empty() && spread >= kNarrow) {
-    to.turn = static_cast<float>(std::sqrt(std::clamp(0.5 * (1 - cosine), 0.0, 1.0)) * kTurns);
-    return Turned::kTabulated;
+  if (!phase_tables.empty() && spread >= kNarrow) {
+    to.table_entry = static_cast<float>(std::sqrt(std::clamp(0.5 * (1 - cosine), 0.0, 1.0)) * kPhaseEntries);
+    return Changed::kTableEntry;
   }
-  turn_exactly(to, cosine, g, spread);
-  return Turned::kAll;
+  set_phases(to, cosine, g, spread);
+  return Changed::kAll;
 }
 
 dvec3 MarchScene::in_light(const MarchedRay& ray, float t) const {
@@ -346,8 +362,9 @@ void MarchScene::set_tint(MarchedRay& ray, const dvec3& once) const {
   if (rounded != ray.tint.once()) ray.tint = OrderTint(rounded);
 }
 
-void MarchScene::add_scattered(const MarchedRay& ray, const MarchedFields& known, const float* at, float w,
-                               float scaled, float unpeaked, float albedo, dvec3& direct, dvec3& indirect) const {
+void MarchScene::add_scattered(const MarchedRay& ray, const MarchedFields& known, const ScatteringPart& part,
+                               dvec3& direct, dvec3& indirect) const {
+  const auto& [at, w, scaled, unpeaked, albedo] = part;
   const OrderTint& tint = ray.tint;
   size_t sharp = 0;
   for (size_t k = 0; k < fields_.lights().size(); ++k) {
@@ -355,8 +372,8 @@ void MarchScene::add_scattered(const MarchedRay& ray, const MarchedFields& known
     double single = 0, forward = 0;
     dvec3 more(0);
     if (group.sharp()) {
-      single = ray.turned[sharp].single;
-      forward = ray.turned[sharp++].forward;
+      single = ray.terms[sharp].single;
+      forward = ray.terms[sharp++].forward;
     }
     if (known.groups) {
       const NodeFields::Slots& s = (*known.groups)[k];

@@ -62,19 +62,19 @@ struct MarchedLight {
   const SharpLight* light;
   const SunDepth* sun = nullptr;   ///< optical depths towards it that are looked up in vectors; null for a lamp
   float irradiance = 0;            ///< of a sun
-  bool varies = true;              ///< along a ray, so that MarchScene::turn is asked at every segment
+  bool varies = true;              ///< along a ray, so that MarchScene::update_terms is asked at every segment
   const float* visible = nullptr;  ///< share that surfaces leave, at the fields' nodes; null: all of it
   const float* depth = nullptr;    ///< of a lamp: optical depth towards it, at the same nodes
 };
 
-/// Light of a sun or lamp as it turns towards the eye.
-struct TurnedLight {
+/// What decides how much of a sun or lamp a point of a ray scatters towards the eye.
+struct LightTerms {
   float irradiance = 0;
-  float turn = 0;                 ///< of a lamp whose phases are tabulated: the place in each table
-  float mean_depth = 0;           ///< of a lamp: of the mean transmittance of all directions to it
-  float phase[4] = {};            ///< with the mean cosine, a half, a quarter, an eighth of it
-  float peak[8] = {};             ///< ForwardPeak::coefficients
-  double g = 0;                   ///< that those of a sun were made for
+  float table_entry = 0;  ///< of a lamp whose phases are tabulated: the place in each of MarchScene::phase_tables
+  float mean_depth = 0;   ///< of a lamp: of the mean transmittance of all directions to it
+  float phase[4] = {};    ///< with the mean cosine, a half, a quarter, an eighth of it
+  float peak[8] = {};     ///< ForwardPeak::coefficients
+  double g = 0;           ///< that those of a sun were made for
   float single = 0, forward = 0;  ///< what the segments since fields were added last have of it
 };
 
@@ -88,11 +88,11 @@ struct MarchedRay {
   std::array<Place, kMostMarchedGrids> grid;   ///< [voxels]
   std::array<vec2, kMostMarchedShapes> shape;  ///< where it is inside, from..to
   std::array<Place, kMostSharpLights> light;   ///< on a sun's lattice
-  std::array<TurnedLight, kMostSharpLights> turned;
+  std::array<LightTerms, kMostSharpLights> terms;
   Place nodes;                                    ///< on the fields' lattice
   std::optional<MediaLine> line;                  ///< where media are not looked up in vectors
-  std::vector<std::pair<double, double>> uneven;  ///< where media are not of closed form
-  double level = 0;                               ///< the longest step through layers [world units]
+  std::vector<std::pair<double, double>> uneven;  ///< parts of the ray in media without a closed form
+  double level = 0;                               ///< longest step through fog that falls off [world units]
   /// Small lamps that it passes within a few steps: where, and the squared distance there [steps^2].
   std::array<vec2, kMostSharpLights> lamp;
   uint32_t lamps = 0;
@@ -100,7 +100,7 @@ struct MarchedRay {
   float offset = 0;                        ///< share of a step by which the first one is shortened
   uint32_t first_part = 0, last_part = 0;  ///< of MarchBatch::parts
   GuideSums* sums = nullptr;               ///< to which light is added that fields at nodes and emission have
-  OrderTint tint;                          ///< of the media; of unlike ones the last one
+  OrderTint tint;                          ///< of the media; where they differ, of the last part lit
   DeepSteps* deep = nullptr;               ///< keeps what is seen of each step; null: nothing
 
   float transmittance = 1, scaled_transmittance = 1;  ///< scaled: without the forward peak
@@ -111,6 +111,14 @@ struct MarchedRay {
   vec3 gradient{0};                                   ///< of the extinction, its direction
 
   bool misses() const { return first_part == last_part; }
+};
+
+/// A ray before it is known what it meets.
+struct RayToMarch {
+  Ray ray;
+  double t_max;
+  GuideSums& sums;
+  double stride = 1, offset = 0;  ///< as MarchedRay has them
 };
 
 /// Rays that are marched together; all have one time of the shutter.
@@ -133,6 +141,14 @@ struct MarchedFields {
   bool octaves;                                  ///< whether rays go on until an eighth of the extinction is opaque
 };
 
+/// Part of a ray that scatters light: fields at its middle, and its weights (docs/guides.md).
+struct ScatteringPart {
+  const float* fields;
+  float w, scaled;  ///< with the extinction, and with that without the forward peak
+  float unpeaked;   ///< scaled, of the whole extinction
+  float albedo;
+};
+
 /// Media and lights at one time of the shutter, in one colour.
 class MarchScene {
  public:
@@ -150,10 +166,8 @@ class MarchScene {
   bool mixed_peaks;         ///< media differ in their forward peaks
   float scaled_extinction;  ///< share of the extinction without the forward peak, on average
 
-  /// A ray to march. @param t_max  where it ends
-  /// @return it, in the batch
-  MarchedRay& aim(const Ray& ray, double t_max, double stride, double offset, const Lattice& table, GuideSums& sums,
-                  MarchBatch& batch) const;
+  /// A ray to march, in the batch. @param table  the lattice of the fields that are looked up along it
+  MarchedRay& aim(const RayToMarch& ray, const Lattice& table, MarchBatch& batch) const;
 
   // What the march asks point by point, t steps from the start of a ray.
   struct Point {
@@ -169,27 +183,31 @@ class MarchScene {
   /// Adds emission. @param straight  length of what emits times its transmittance
   /// @param by_peaks  the same where forward peaks dim nothing   @param depth  optical depth of peaks before it
   void emit(const MarchedRay& ray, float t, float straight, float by_peaks, float depth) const;
-  /// What MarchScene::turn set of a light: nothing; all; all but phases and peaks, which are to be looked up in turns.
-  enum class Turned { kSame, kAll, kTabulated };
-  /// Sets ray.turned of a light. @param g  mean cosine there   @param depth  of a lamp: optical depth towards its
-  /// middle
-  Turned turn(MarchedRay& ray, size_t light, float t, float g, float depth) const;
-  /// Where one medium is lit by lamps: phases and peaks of light that is narrow, at the sines of half the angle from 0
-  /// to 1, evenly; one table behind the other.
-  std::vector<float> turns;
-  static constexpr int kTurns = 4096;  ///< entries of a table, less one
+  /// What changed in the terms of a light: nothing; all; all but phases and peaks, which are to be looked up at
+  /// LightTerms::table_entry.
+  enum class Changed { kNothing, kAll, kTableEntry };
+  /// Sets ray.terms of a light. @param g  mean cosine there   @param depth  of a lamp: optical depth towards its middle
+  Changed update_terms(MarchedRay& ray, size_t light, float t, float g, float depth) const;
+  /// Where one medium is lit by lamps: phases and peaks of light from nearly one direction, at evenly spaced sines of
+  /// half the angle from 0 to 1; one table after the other.
+  std::vector<float> phase_tables;
+  static constexpr int kPhaseEntries = 4096;  ///< entries of a table, less one
   /// Where the light of what is there was solved: it may move. World space
   dvec3 in_light(const MarchedRay& ray, float t) const;
   /// Makes the tint of a ray that of media which give light so much of each colour by one scattering.
   void set_tint(MarchedRay& ray, const dvec3& once) const;
-  /// Adds light that media scatter at one place, by the ray's tint.
-  /// @param fields  there
-  void add_scattered(const MarchedRay& ray, const MarchedFields& known, const float* fields, float w, float scaled,
-                     float unpeaked, float albedo, dvec3& direct, dvec3& indirect) const;
+  /// Adds light that a part of a ray scatters, coloured by the ray's tint.
+  void add_scattered(const MarchedRay& ray, const MarchedFields& known, const ScatteringPart& part, dvec3& direct,
+                     dvec3& indirect) const;
 
  private:
   dvec3 point(const MarchedRay& ray, float t) const { return ray.ray.at(ray.start + steps.length * t); }
-  void turn_exactly(TurnedLight& light, double cosine, double g, double spread) const;
+  void place_in_media(MarchedRay& to) const;
+  void place_at_nodes(MarchedRay& to, const Lattice& table) const;
+  void place_towards_suns(MarchedRay& to) const;
+  void tabulate_phases();
+  /// Phase function, octaves and forward peak. @param spread  mean cosine of the light's directions around their mean
+  void set_phases(LightTerms& terms, double cosine, double g, double spread) const;
 
   const std::vector<GuideMedia>& media_;
   const GuideMedia& own_;  // of the time

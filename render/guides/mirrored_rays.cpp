@@ -183,7 +183,8 @@ const std::vector<MirroredRays::CornerEnd>& MirroredRays::ends_at(const ivec2& c
   return ends;
 }
 
-// Rays of a lens or shutter go elsewhere than those of the corners. Smooth surfaces may begin within a wide square.
+// The rays through a square's corners stand for all of it, except through a lens or an open shutter, and in a wide
+// square inside which smooth surfaces may begin.
 bool MirroredRays::may_show_lights(const Square& square) {
   const Lights& lights = *march_.context_.lights;
   if (lights.finite().empty() &&
@@ -236,7 +237,7 @@ void MirroredRays::follow(const MarchScene& scene) {
       const Met there = meet(next.ray);
       GuideSums& sums = sums_[met.size()];
       sums.clear();
-      MarchedRay& ray = scene.aim(next.ray, there.distance, 1, 0, march_.node_light_.lattice, sums, batch_);
+      MarchedRay& ray = scene.aim({next.ray, there.distance, sums}, march_.node_light_.lattice, batch_);
       if (!ray.misses()) {
         const double entry = ray.start / scene.steps.length + static_cast<double>(batch_.parts[ray.first_part].x);
         ray.stride = static_cast<float>(std::clamp(0.5 * next.path.spread * entry, 1.0, kLongestStep));

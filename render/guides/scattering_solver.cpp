@@ -287,7 +287,6 @@ void ScatteringSolver::gather_sums(Radiance& light) const {
   constexpr float kShare = 1.0f / kDirections;
   const ivec3 n = lattice_.n;
   parallel_for(n.x, task_, [&](int x) {
-    // Sums of a block of the y-major bundles, y fastest.
     std::vector<float> block(static_cast<size_t>(kBlock) * y_major_.row);
     for (size_t a = 0; a < light.known(); ++a) {
       // Of the two bundles along an axis.
@@ -297,8 +296,8 @@ void ScatteringSolver::gather_sums(Radiance& light) const {
         };
       };
       const auto along_x = along_axis(0), along_y = along_axis(1), along_z = along_axis(2);
-      for (int z0 = 0; z0 < n.z; z0 += kBlock) {
-        const int count = std::min(kBlock, n.z - z0);
+      // The bundles along z are y-major: kBlock of their lines, y fastest, are read at once.
+      const auto read_block = [&](int z0, int count) {
         for (int k = 0; k < count; ++k) {
           const size_t line = (static_cast<size_t>(z0 + k) * n.x + x) * y_major_.row;
           float* const sum = block.data() + static_cast<size_t>(k) * y_major_.row;
@@ -306,14 +305,19 @@ void ScatteringSolver::gather_sums(Radiance& light) const {
           std::fill_n(sum, y_major_.row, 0.0f);
           for (int y = row.begin; y < row.end; ++y) sum[y] = along_z(line + y);
         }
-        for (int y = 0; y < n.y; ++y) {
-          const SweepRow row = rows_[static_cast<size_t>(x) * n.y + y];
-          const size_t first = lattice_.index(x, y, 0);
-          for (int z = std::max(z0, row.begin); z < std::min(z0 + count, row.end); ++z) {
-            const size_t i = first + z;
-            light[a][i] = kShare * (along_x(i) + along_y(i) + block[static_cast<size_t>(z - z0) * y_major_.row + y]);
-          }
+      };
+      const auto add_row = [&](int y, int z0, int count) {
+        const SweepRow row = rows_[static_cast<size_t>(x) * n.y + y];
+        const size_t first = lattice_.index(x, y, 0);
+        for (int z = std::max(z0, row.begin); z < std::min(z0 + count, row.end); ++z) {
+          const size_t i = first + z;
+          light[a][i] = kShare * (along_x(i) + along_y(i) + block[static_cast<size_t>(z - z0) * y_major_.row + y]);
         }
+      };
+      for (int z0 = 0; z0 < n.z; z0 += kBlock) {
+        const int count = std::min(kBlock, n.z - z0);
+        read_block(z0, count);
+        for (int y = 0; y < n.y; ++y) add_row(y, z0, count);
       }
     }
   });

@@ -13,19 +13,22 @@
 namespace brume {
 namespace {
 
-constexpr double kAcrossMedia = 24, kAcrossMesh = 12;  // points, along the longest side
-constexpr double kGrowth = 2;                          // of their distances, in the media's size from the media
+// Points lie so far apart that this many fit along the longest side of the media, and of a mesh; at a distance of the
+// media's size from them, 1 + kGrowth times as far apart.
+constexpr double kAcrossMedia = 24, kAcrossMesh = 12, kGrowth = 2;
+// More points than this are spread farther apart; the second number holds where points are close because another
+// surface is near.
 constexpr size_t kMostPoints = 4000, kMostWithNear = 6000;
-// Where another surface is near: points are no farther apart than this share of the harmonic mean distance to it, but
-// as close together as a share of what they are elsewhere, the first of several that does not need too many points; it
-// is looked for as far as several times their distances.
+// Where another surface is near, points are no farther apart than kPerReach times the harmonic mean distance to it
+// (kReachRays rays look for it as far as kFarthest times the distance between points), but no closer than a share of
+// the usual distance: the first of kClosest that does not need too many points.
 constexpr double kPerReach = 0.8, kClosest[] = {0.25, 0.4, 0.6}, kFarthest = 2;
 constexpr int kReachRays = 12;
-constexpr double kSamplesAcross = 2;  // of a point's part
-constexpr size_t kMostSamples = 4;
-constexpr double kAlike = 0.5;   // least cosine between normals of points that stand for one another
-constexpr size_t kLeaf = 8;      // points that are not parted any more
-constexpr double kOffPlane = 8;  // distances off a surface's plane count as many times more, squared
+constexpr double kSamplesAcross = 2;  // small triangles along a side of the part of a surface that a point stands for
+constexpr size_t kMostSamples = 4;    // that a point keeps beside the one in the middle
+constexpr double kAlike = 0.5;        // least cosine between normals of points that stand for one another
+constexpr size_t kLeaf = 8;           // points in a leaf of the tree
+constexpr double kOffPlane = 8;       // squared distances off a surface's plane count so many times more
 
 struct Triangle {
   dvec3 a, b, c;
@@ -67,6 +70,116 @@ struct CellHash {
 };
 
 }  // namespace
+
+/// Gathers small triangles of surfaces into parts, each of which becomes a point on each of its sides.
+class SurfacePoints::Spread {
+ public:
+  /// @param wider  factor on all distances between points
+  Spread(const GuideMedia& media, double wider, const Near& near)
+      : media_(media), near_(near), wider_(wider), size_(max_component(media.hi() - media.lo())) {}
+
+  void add(const TriangleMesh& mesh) {
+    dvec3 lo(kFar), hi(-kFar);
+    for (const dvec3& p : mesh.positions) {
+      lo = glm::min(lo, p);
+      hi = glm::max(hi, p);
+    }
+    spacing_of_mesh_ = max_component(hi - lo) / kAcrossMesh;
+    const dmat4 moved = mesh.moves() ? mesh.moved(Surfaces::kMiddle) : dmat4(1.0);
+    const auto place = [&](const dvec3& p) { return mesh.moves() ? dvec3(moved * glm::dvec4(p, 1.0)) : p; };
+    double area = 0;  // of small triangles that share a sample
+    for (size_t i = 0; i < mesh.triangles.size(); ++i) {
+      const auto [a, b, c] = mesh.corners(i);
+      const Triangle whole{place(a), place(b), place(c)};
+      const dvec3 normal = glm::normalize(glm::cross(whole.b - whole.a, whole.c - whole.a));
+      const auto largest = [&](const dvec3& p) {
+        const double side = spacing(p, normal) / kSamplesAcross;
+        return side * side;
+      };
+      divide(whole, largest, [&](const Triangle& t) {
+        area += t.area();
+        const dvec3 p = t.middle();
+        if (area < 0.5 * largest(p) && i + 1 < mesh.triangles.size()) return;
+        add_sample(p, normal, area);
+        area = 0;
+      });
+    }
+  }
+
+  std::vector<Point> points() {
+    for (size_t i = 0; i < parts_.size(); ++i) choose_samples(parts_[i], points_[i]);
+    return std::move(points_);
+  }
+
+ private:
+  struct Part {
+    dvec3 sum{0};
+    std::vector<std::pair<dvec3, dvec3>> samples;  // place, normal
+  };
+
+  /// How far apart points lie at a place of a surface.
+  double spacing(const dvec3& p, const dvec3& normal) const {
+    const double from_media = distance_to(p, media_.lo(), media_.hi());
+    const double far = wider_ * std::min(spacing_of_mesh_, (size_ + kGrowth * from_media) / kAcrossMedia);
+    if (!near_.points) return far;
+    double close = far;
+    for (const double side : {1.0, -1.0})
+      if (const int i = near_.points->nearest(p, side * normal); i >= 0)
+        close = std::min(close, kPerReach * near_.points->points_[static_cast<size_t>(i)].reach);
+    return std::max(close, near_.closest * far);
+  }
+
+  void add_sample(const dvec3& p, const dvec3& normal, double area) {
+    const int level = static_cast<int>(std::lround(2 * portable_log(spacing(p, normal)) / std::numbers::ln2));
+    const double cell = std::sqrt(std::ldexp(1.0, level));
+    int axis = std::abs(normal.y) > std::abs(normal.x) ? 1 : 0;
+    if (std::abs(normal.z) > std::abs(normal[axis])) axis = 2;
+    for (const double side : {1.0, -1.0}) {
+      // Not at a whole number of cells, where surfaces often lie.
+      const CellKey key{ivec3(glm::floor(p / cell + 0.377)), level, 2 * axis + (side * normal[axis] > 0 ? 1 : 0)};
+      const auto [found, fresh] = known_.try_emplace(key, parts_.size());
+      if (fresh) {
+        parts_.emplace_back();
+        points_.emplace_back();
+      }
+      parts_[found->second].sum += p;
+      parts_[found->second].samples.push_back({p, side * normal});
+      points_[found->second].area += area;
+    }
+  }
+
+  /// The sample in the middle first, then others of the whole part.
+  static void choose_samples(const Part& part, Point& point) {
+    const size_t count = part.samples.size();
+    const dvec3 middle = part.sum / static_cast<double>(count);
+    const auto by_distance = [&](const auto& x, const auto& y) {
+      return glm::distance(x.first, middle) < glm::distance(y.first, middle);
+    };
+    const double off = 1e-3 * std::sqrt(point.area);
+    const auto keep = [&](const std::pair<dvec3, dvec3>& sample) {
+      point.samples.push_back({{sample.first + off * sample.second, -sample.second}, {}});
+    };
+    keep(*std::min_element(part.samples.begin(), part.samples.end(), by_distance));
+    const size_t others = std::min(count, kMostSamples);
+    for (size_t k = 0; count > 1 && k < others; ++k) keep(part.samples[k * count / others]);
+  }
+
+  const GuideMedia& media_;
+  const Near& near_;
+  const double wider_, size_;
+  double spacing_of_mesh_ = 0;
+  std::unordered_map<CellKey, size_t, CellHash> known_;  // parts by the cell that they fill
+  std::vector<Part> parts_;
+  std::vector<Point> points_;  // of the parts
+};
+
+void SurfacePoints::spread(const Surfaces& surfaces, const GuideMedia& media, double wider, const Near& near) {
+  Spread spread(media, wider, near);
+  for (uint32_t s = 0; s < surfaces.count(); ++s)
+    if (surfaces.settings(s).material == "diffuse" && surfaces.settings(s).albedo != dvec3(0))
+      spread.add(surfaces.mesh(s));
+  points_ = spread.points();
+}
 
 SurfacePoints::SurfacePoints(const Surfaces& surfaces, const GuideMedia& media, const Task& task) {
   constexpr int kTries = 6;
@@ -113,91 +226,6 @@ bool SurfacePoints::find_reach(const Surfaces& surfaces, const Task& task) {
     near[static_cast<size_t>(i)] = kPerReach * point.reach < between;
   });
   return std::find(near.begin(), near.end(), 1) != near.end();
-}
-
-void SurfacePoints::spread(const Surfaces& surfaces, const GuideMedia& media, double wider, const Near& near) {
-  points_.clear();
-  struct Part {
-    dvec3 sum{0};
-    std::vector<std::pair<dvec3, dvec3>> samples;  // place, normal
-  };
-  std::unordered_map<CellKey, size_t, CellHash> known;
-  std::vector<Part> parts;
-  const double size = max_component(media.hi() - media.lo());
-  for (uint32_t s = 0; s < surfaces.count(); ++s) {
-    const SurfaceSettings& settings = surfaces.settings(s);
-    if (settings.material != "diffuse" || (settings.albedo == dvec3(0))) continue;
-    const TriangleMesh& mesh = surfaces.mesh(s);
-    dvec3 lo(kFar), hi(-kFar);
-    for (const dvec3& p : mesh.positions) {
-      lo = glm::min(lo, p);
-      hi = glm::max(hi, p);
-    }
-    const double of_mesh = max_component(hi - lo) / kAcrossMesh;
-    dvec3 normal;  // of a triangle
-    const auto spacing = [&](const dvec3& p) {
-      const double far =
-          wider * std::min(of_mesh, (size + kGrowth * distance_to(p, media.lo(), media.hi())) / kAcrossMedia);
-      if (!near.points) return far;
-      double close = far;
-      for (const double side : {1.0, -1.0})
-        if (const int i = near.points->nearest(p, side * normal); i >= 0)
-          close = std::min(close, kPerReach * near.points->points_[static_cast<size_t>(i)].reach);
-      return std::max(close, near.closest * far);
-    };
-    const auto largest = [&](const dvec3& p) {
-      const double side = spacing(p) / kSamplesAcross;
-      return side * side;
-    };
-    const dmat4 moved = mesh.moves() ? mesh.moved(Surfaces::kMiddle) : dmat4(1.0);
-    const auto place = [&](const dvec3& p) { return mesh.moves() ? dvec3(moved * glm::dvec4(p, 1.0)) : p; };
-    double area = 0;  // of small triangles that share a sample
-    for (size_t i = 0; i < mesh.triangles.size(); ++i) {
-      const auto [a, b, c] = mesh.corners(i);
-      const Triangle whole{place(a), place(b), place(c)};
-      normal = glm::normalize(glm::cross(whole.b - whole.a, whole.c - whole.a));
-      divide(whole, largest, [&](const Triangle& t) {
-        area += t.area();
-        const dvec3 p = t.middle();
-        if (area < 0.5 * largest(p) && i + 1 < mesh.triangles.size()) return;
-        const double between = spacing(p);
-        const int level = static_cast<int>(std::lround(2 * portable_log(between) / std::numbers::ln2));
-        const double cell = std::sqrt(std::ldexp(1.0, level));
-        int axis = std::abs(normal.y) > std::abs(normal.x) ? 1 : 0;
-        if (std::abs(normal.z) > std::abs(normal[axis])) axis = 2;
-        for (const double side : {1.0, -1.0}) {
-          // Not at a whole number of cells, where surfaces often lie.
-          const CellKey key{ivec3(glm::floor(p / cell + 0.377)), level, 2 * axis + (side * normal[axis] > 0 ? 1 : 0)};
-          const auto [found, fresh] = known.try_emplace(key, parts.size());
-          if (fresh) {
-            parts.emplace_back();
-            points_.emplace_back();
-          }
-          parts[found->second].sum += p;
-          parts[found->second].samples.push_back({p, side * normal});
-          points_[found->second].area += area;
-        }
-        area = 0;
-      });
-    }
-  }
-  for (size_t i = 0; i < parts.size(); ++i) {
-    Point& point = points_[i];
-    const Part& part = parts[i];
-    const auto count = part.samples.size();
-    const dvec3 middle = part.sum / static_cast<double>(count);
-    const auto by_distance = [&](const auto& x, const auto& y) {
-      return glm::distance(x.first, middle) < glm::distance(y.first, middle);
-    };
-    const double off = 1e-3 * std::sqrt(point.area);
-    const auto keep = [&](const std::pair<dvec3, dvec3>& sample) {
-      point.samples.push_back({{sample.first + off * sample.second, -sample.second}, {}});
-    };
-    // The one in the middle first, then others of the whole part.
-    keep(*std::min_element(part.samples.begin(), part.samples.end(), by_distance));
-    const size_t others = std::min(count, kMostSamples);
-    for (size_t k = 0; count > 1 && k < others; ++k) keep(part.samples[k * count / others]);
-  }
 }
 
 // Drops what lies under another surface.

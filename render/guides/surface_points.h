@@ -46,6 +46,7 @@ class SurfacePoints {
     const SurfacePoints* points = nullptr;
     double closest = 1;
   };
+  class Spread;
   void spread(const Surfaces& surfaces, const GuideMedia& media, double wider, const Near& near);
   /// Finds how far the points are from what is near them. @return whether any is nearer to that than to other points
   bool find_reach(const Surfaces& surfaces, const Task& task);

@@ -64,7 +64,7 @@ struct TwoPlanes {
 struct Beam {
   Footpoint foot;
   Upwind upwind;
-  float length;  // of its way between two planes
+  float length;  // along the beam from one plane to the next
   TwoPlanes light, gained;
   // In the row that is swept: footpoints' first neighbours, and the row itself.
   const float *extinction_before = nullptr, *light_before = nullptr, *gained_before = nullptr;

@@ -229,8 +229,9 @@ void set_frame(Parser& parser, VolumeSettings& v, const toml::value& table, cons
   for (const auto& [key, file] : kVolumeFiles) parser.take_file(key, v.*file);
 }
 
+constexpr size_t kLeftOut = static_cast<size_t>(-1);  // place of a volume that is not enabled
+
 /// @param volumes  of the scene's text, by number: their places in Scene::volumes, or kLeftOut
-constexpr size_t kLeftOut = static_cast<size_t>(-1);
 void check_instances(const Parser& parser, InstanceSettings& s, const toml::value& table,
                      const std::vector<size_t>& volumes) {
   if (parser.has("file") && parser.has("matrices"))
@@ -339,6 +340,123 @@ void check_places(const toml::value& root, const char* name, const Arrays& array
                                  entries, name));
 }
 
+constexpr auto kNothing = [](const auto&...) {};  // is done before a table is read, or checked after it
+
+/// Takes a scene's text table by table, in the order of the calls.
+class SceneTables {
+ public:
+  /// @param scene  whose frame names the files of all tables but its own
+  SceneTables(const toml::value& root, const fs::path& folder, const Scene& scene)
+      : root_(root), folder_(folder), scene_(scene) {}
+
+  /// [name], where there is one.
+  template <class Target, class Check>
+  void section(const char* name, Target& target, const Check& check) {
+    names_.push_back(name);
+    if (root_.contains(name)) read(fmt::format("[{}]", name), root_.at(name), target, check, kNothing);
+  }
+  void section(const char* name, auto& target) { section(name, target, kNothing); }
+
+  /// Every [[name]] that is enabled. @param begin  called before a table is read, with its number
+  template <class Target, class Check, class Begin>
+  void array(const char* name, std::vector<Target>& targets, const Check& check, const Begin& begin) {
+    names_.push_back(name);
+    if (!root_.contains(name)) return;
+    const toml::value& entries = root_.at(name);
+    if (!entries.is_array())
+      fail_at(fmt::format("'{}' is {}", name, toml_type_name(entries)), entries, fmt::format("expected [[{}]]", name));
+    for (size_t i = 0; i < entries.as_array().size(); ++i) {
+      read(fmt::format("[[{}]]", name), entries.as_array()[i], targets.emplace_back(), check,
+           [&](Parser& parser, Target& target) { begin(parser, target, i); });
+      if (!targets.back().enabled) targets.pop_back();
+    }
+  }
+
+  void name(std::string& name) {
+    names_.push_back("name");
+    if (!root_.contains("name")) return;
+    if (!root_.at("name").is_string()) fail_at("'name' is not text", root_.at("name"), "expected text in quotes");
+    name = toml::get<std::string>(root_.at("name"));
+  }
+
+  /// Refuses what none of the calls before has asked for.
+  void reject_unknown() const {
+    for (const auto& [key, value] : root_.as_table())
+      if (std::find(names_.begin(), names_.end(), key) == names_.end())
+        fail_at(fmt::format("unknown key '{}'{}", key, suggestion(key, names_)), value, "not part of a scene");
+  }
+
+ private:
+  void read(const std::string& title, const toml::value& table, auto& target, const auto& check, const auto& begin) {
+    Parser parser(table, title, folder_, scene_.render.frame);
+    begin(parser, target);
+    describe(parser, target);
+    parser.reject_unknown();
+    check(parser, target, table);
+    parser.check_files();
+  }
+
+  const toml::value& root_;
+  const fs::path folder_;
+  const Scene& scene_;
+  std::vector<std::string> names_;
+};
+
+/// What a front end has in memory for one entry of an array of tables; null: nothing.
+template <class Arrays>
+const typename Arrays::mapped_type* arrays_of(const Arrays& arrays, size_t entry) {
+  const auto found = arrays.find(entry);
+  return found == arrays.end() ? nullptr : &found->second;
+}
+
+/// @return for each volume of the text its place in scene.volumes, or kLeftOut
+std::vector<size_t> read_volumes(SceneTables& tables, const SceneArrays& arrays, Scene& scene) {
+  std::vector<size_t> places;
+  size_t enabled = 0;
+  tables.array(
+      "volumes", scene.volumes,
+      [&](Parser& parser, VolumeSettings& v, const toml::value& table) {
+        check_volume(parser, v, table);
+        if (v.enabled && v.time.given) set_frame(parser, v, table, scene);
+        places.push_back(v.enabled ? enabled++ : kLeftOut);
+      },
+      [&](Parser& parser, VolumeSettings& v, size_t i) {
+        const auto* const given = arrays_of(arrays.volumes, i);
+        if (!given) return;
+        v.grids = *given;
+        describe(parser, v.placement);
+      });
+  return places;
+}
+
+void read_surfaces(SceneTables& tables, const SceneArrays& arrays, Scene& scene) {
+  tables.array("surfaces", scene.surfaces, check_surface, [&](Parser& parser, SurfaceSettings& s, size_t i) {
+    const auto* const given = arrays_of(arrays.meshes, i);
+    if (!given) return;
+    s.mesh = given->mesh;
+    s.mesh_content = given->content;
+    parser.provides("file");
+  });
+}
+
+/// @param volumes  as read_volumes gives them
+void read_instances(SceneTables& tables, const SceneArrays& arrays, const std::vector<size_t>& volumes, Scene& scene) {
+  tables.array(
+      "instances", scene.instances,
+      [&](const Parser& parser, InstanceSettings& s, const toml::value& table) {
+        check_instances(parser, s, table, volumes);
+      },
+      [&](Parser&, InstanceSettings& s, size_t i) {
+        const auto* const given = arrays_of(arrays.instances, i);
+        if (!given) return;
+        s.arrays = given->list;
+        s.arrays_content = given->content;
+      });
+  const auto place = [&](const InstanceSettings& s) { return volumes[static_cast<size_t>(s.volume)]; };
+  std::erase_if(scene.instances, [&](const InstanceSettings& s) { return place(s) == kLeftOut; });
+  for (InstanceSettings& s : scene.instances) s.volume = static_cast<int>(place(s));
+}
+
 Scene scene_from(std::istream& stream, const fs::path& path, std::span<const std::string> overrides,
                  const SceneArrays& arrays = {}, bool with_fingerprint = true) {
   toml::value root = parse_toml(stream, path.string());
@@ -347,90 +465,21 @@ Scene scene_from(std::istream& stream, const fs::path& path, std::span<const std
   Scene scene;
   scene.path = path;
   scene.name = path.stem().string();
-  const fs::path folder = path.parent_path();
-  std::vector<std::string> sections = {"name"};
-  const auto section = [&](const char* name, auto& target, const auto& check) {
-    sections.push_back(name);
-    if (!root.contains(name)) return;
-    Parser parser(root.at(name), fmt::format("[{}]", name), folder, scene.render.frame);
-    describe(parser, target);
-    parser.reject_unknown();
-    check(parser, target, root.at(name));
-    parser.check_files();
-  };
-  const auto no_check = [](const auto&...) {};
-  std::vector<size_t> volumes;  // of the text: their places among those that are enabled
-  const auto array = [&](const char* name, auto& target, const auto& check, const auto& begin) {
-    sections.push_back(name);
-    if (!root.contains(name)) return;
-    const toml::value& entries = root.at(name);
-    if (!entries.is_array())
-      fail_at(fmt::format("'{}' is {}", name, toml_type_name(entries)), entries, fmt::format("expected [[{}]]", name));
-    for (size_t i = 0; i < entries.as_array().size(); ++i) {
-      const toml::value& entry = entries.as_array()[i];
-      Parser parser(entry, fmt::format("[[{}]]", name), folder, scene.render.frame);
-      begin(parser, target.emplace_back(), i);
-      describe(parser, target.back());
-      parser.reject_unknown();
-      check(parser, target.back(), entry);
-      parser.check_files();
-      if (!target.back().enabled) target.pop_back();
-    }
-  };
-  if (root.contains("name")) {
-    if (!root.at("name").is_string()) fail_at("'name' is not text", root.at("name"), "expected text in quotes");
-    scene.name = toml::get<std::string>(root.at("name"));
-  }
-  section("render", scene.render, check_render);  // first: its frame names the files of the others
+  SceneTables tables(root, path.parent_path(), scene);
+  tables.name(scene.name);
+  tables.section("render", scene.render, check_render);  // first: its frame names the files of the others
   scene.camera.matrices = arrays.camera;
-  section("camera", scene.camera, check_camera);
-  section("film", scene.film, no_check);
-  section("environment", scene.environment, check_environment);
-  const auto volume = [&](Parser& parser, VolumeSettings& v, size_t i) {
-    const auto found = arrays.volumes.find(i);
-    if (found == arrays.volumes.end()) return;
-    v.grids = found->second;
-    describe(parser, v.placement);
-  };
-  const auto surface = [&](Parser& parser, SurfaceSettings& s, size_t i) {
-    const auto found = arrays.meshes.find(i);
-    if (found == arrays.meshes.end()) return;
-    s.mesh = found->second.mesh;
-    s.mesh_content = found->second.content;
-    parser.provides("file");
-  };
-  const auto instances = [&](Parser&, InstanceSettings& s, size_t i) {
-    const auto found = arrays.instances.find(i);
-    if (found == arrays.instances.end()) return;
-    s.arrays = found->second.list;
-    s.arrays_content = found->second.content;
-  };
-  size_t kept = 0;
-  array(
-      "volumes", scene.volumes,
-      [&](Parser& parser, VolumeSettings& v, const toml::value& table) {
-        check_volume(parser, v, table);
-        if (v.enabled && v.time.given) set_frame(parser, v, table, scene);
-        volumes.push_back(v.enabled ? kept++ : kLeftOut);
-      },
-      volume);
-  array("lights", scene.lights, check_light, no_check);
-  array("surfaces", scene.surfaces, check_surface, surface);
-  array(
-      "instances", scene.instances,
-      [&](const Parser& parser, InstanceSettings& s, const toml::value& table) {
-        check_instances(parser, s, table, volumes);
-      },
-      instances);
-  std::erase_if(scene.instances,
-                [&](const InstanceSettings& s) { return volumes[static_cast<size_t>(s.volume)] == kLeftOut; });
-  for (InstanceSettings& s : scene.instances) s.volume = static_cast<int>(volumes[static_cast<size_t>(s.volume)]);
+  tables.section("camera", scene.camera, check_camera);
+  tables.section("film", scene.film);
+  tables.section("environment", scene.environment, check_environment);
+  const std::vector<size_t> volumes = read_volumes(tables, arrays, scene);
+  tables.array("lights", scene.lights, check_light, kNothing);
+  read_surfaces(tables, arrays, scene);
+  read_instances(tables, arrays, volumes, scene);
   check_places(root, "volumes", arrays.volumes);
   check_places(root, "instances", arrays.instances);
   check_places(root, "surfaces", arrays.meshes);
-  for (const auto& [key, value] : root.as_table())
-    if (std::find(sections.begin(), sections.end(), key) == sections.end())
-      fail_at(fmt::format("unknown key '{}'{}", key, suggestion(key, sections)), value, "not part of a scene");
+  tables.reject_unknown();
 
   if (!root.contains("camera") && !arrays.camera)
     throw InputError(fmt::format("{}: has no [camera]; expected position, look_at and fov", path.string()));
@@ -441,10 +490,6 @@ Scene scene_from(std::istream& stream, const fs::path& path, std::span<const std
   if (with_fingerprint) add_fingerprint(scene);
   return scene;
 }
-
-}  // namespace
-
-namespace {
 
 /// A scene file, opened. @throws InputError
 std::ifstream open_scene(const fs::path& path) {

@@ -230,7 +230,8 @@ class Tracker {
   HWY_ALIGN float result_[kMost] = {}, carried_[kMost] = {}, frames_[kMost] = {}, heroes_[kMost] = {};
   Lanes3 channels_, collision_;
   V tau_ = hn::Zero(D()), weight_ = set(1.0f), t_max_ = hn::Zero(D()), time_ = hn::Zero(D());
-  V scattered_ = hn::Zero(D()), lost_ = hn::Zero(D());  // of a forced flight: the share so far, its rounding error
+  V scattered_ = hn::Zero(D()),
+    lost_ = hn::Zero(D());  // of a forced flight: share scattered so far; rounding error of that sum
   V3 hit_at_ = zero3();
   V hero_ = set(1.0f);                          // extinction of the hero channel, relative to the largest
   V3 colour_{set(1.0f), set(1.0f), set(1.0f)};  // of the choices' probability, or of the transmittance

@@ -66,7 +66,7 @@ class BallSamples {
 
   /// Keeps where the flight to a path's collision began, before that is where the path is.
   void leave(size_t slot);
-  /// Leaves to the light samples at collisions what is the flights' share of it.
+  /// Weights light samples at collisions by the balance heuristic: without the share that points on flights find.
   void weigh(const SlotList& shadows);
   /// The flights' share of a light sample at a path's collision. @param p  where it is
   double share_of_flights(size_t slot, const Light* light, const dvec3& p) const;

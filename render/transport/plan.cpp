@@ -91,7 +91,7 @@ Plan make_plan(const Scene& scene, const SceneMedia& media, const Lights& lights
   plan.layers.light_groups = lights.groups();
   if (lights.groups().empty()) std::erase(plan.layers.names, kLightAimed);
   plan.layers.light_parts = layers.light_parts && !lights.groups().empty();
-  // What is sampled along a flight is not told by the medium that it is in.
+  // Light sampled along a flight does not know which medium scatters it there, so none may be a holdout.
   if (!plan.holdouts) plan.near_lights = choose_near_lights(all, lights, scene.render.near_lights);
   plan.interpolate = scene.render.lookup == "interpolated";
   plan.one_grid = is_one_grid(plan, media, lights);

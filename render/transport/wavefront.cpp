@@ -435,7 +435,7 @@ class Wavefront {
     const auto share = [&](const Light& of) {
       return c_.plan.light_sampling ? c_.lights->choice(past.samples_fields).probability(of, ray.o) : 0.0;
     };
-    // Straight through glass, light sampling has found it.
+    // Light seen straight through glass was sampled at the vertex before, so it is not counted again.
     const auto weight = [&](double pdf_light) {
       if (past.straight && pdf_light > 0) return 0.0;
       return past.specular ? 1.0 : balance(static_cast<double>(p_.pdf[i]), pdf_light);

@@ -10,9 +10,10 @@ namespace brume {
 namespace {
 
 constexpr double kGround = Atmosphere::kGround, kTop = Atmosphere::kTop;
-constexpr int kColumnHeights = 100, kColumnCosines = 128;
-constexpr int kOrders = 5;  // that are marched; those beyond are a geometric series
-// Steps of a ray: as a share of the height over which the air changes, at most so flat.
+constexpr int kColumnHeights = 100, kColumnCosines = 128;  // entries of the table of columns
+constexpr int kOrders = 5;                                 // that are marched; those beyond are a geometric series
+// A step of a ray climbs by this share of the height over which the air changes: of rays that are looked along, and of
+// those that solve. A ray counts as climbing by kFlattest of its length at least, so that level ones have steps, too.
 constexpr double kStep = 0.2, kCoarseStep = 0.5, kFlattest = 0.02;
 
 double rayleigh_phase(double c) {
@@ -68,6 +69,13 @@ struct Between {
     f = c - i;
   }
 };
+
+/// A direction whose azimuth is `turn` times a half turn from the sun's. @param row  of the elevations, in -1 .. 1
+dvec3 direction_at(double row, double turn) {
+  const double z = sine_of_row(row), across = std::sqrt(1 - z * z);
+  const SinCos a = portable_sincos_2pi(turn / 2);
+  return {across * a.cos, across * a.sin, z};
+}
 
 }  // namespace
 
@@ -178,18 +186,22 @@ dvec3 AtmosphereLight::ground_irradiance(const Place& place, const std::vector<v
   return dvec3(of_root(glm::mix(root_of(of[i]), root_of(of[i + 1]), static_cast<float>(place.sun.f))));
 }
 
-/// Light that is scattered along a ray.
+/// Light scattered along a ray, and what is behind it.
+struct AtmosphereLight::Ahead {
+  dvec3 L{0}, transmittance{1};
+  dvec3 end;  ///< on the ground or the top
+  bool meets_ground;
+};
+
 /// @param source  of a point, the densities there: scattered light per metre
-/// @param left    what is left of light from the ray's end   @param end  its end, on the ground or the top
 template <class Source>
-dvec3 AtmosphereLight::march(const dvec3& p, const dvec3& d, double coarseness, const Source& source,
-                             bool& meets_ground, dvec3& left, dvec3& end) const {
+AtmosphereLight::Ahead AtmosphereLight::march(const dvec3& p, const dvec3& d, double coarseness,
+                                              const Source& source) const {
   const double ground = ground_at(p, d);
-  meets_ground = ground >= 0;
-  const double length = meets_ground ? ground : exit_of(kTop, p, d);
-  end = p + length * d;
-  left = dvec3(1);
-  dvec3 L(0);
+  Ahead ahead;
+  ahead.meets_ground = ground >= 0;
+  const double length = ahead.meets_ground ? ground : exit_of(kTop, p, d);
+  ahead.end = p + length * d;
   for (double t = 0; t < length;) {
     const dvec3 from = p + t * d;
     const double r = glm::length(from), h = r - kGround, climb = std::abs(glm::dot(from, d)) / r;
@@ -199,114 +211,135 @@ dvec3 AtmosphereLight::march(const dvec3& p, const dvec3& d, double coarseness, 
     const dvec3 middle = p + (t + 0.5 * step) * d;
     const dvec3 amounts = Atmosphere::densities(glm::length(middle) - kGround);
     const dvec3 sigma = atmosphere_.extinction(amounts), passes = glm::exp(-step * sigma);
-    dvec3 seen;  // length of the step as it is seen
+    dvec3 seen;  // integral of the transmittance over the step
     for (int c = 0; c < 3; ++c) seen[c] = sigma[c] * step > 1e-6 ? (1 - passes[c]) / sigma[c] : step;
-    L += left * seen * source(middle, amounts);
-    left *= passes;
+    ahead.L += ahead.transmittance * seen * source(middle, amounts);
+    ahead.transmittance *= passes;
     t += step;
   }
-  return L;
+  return ahead;
 }
 
-void AtmosphereLight::solve(const Task& task) {
-  const int suns = static_cast<int>(suns_.size());
-  const size_t places = static_cast<size_t>(kHeights) * suns_.size();
-  std::vector<dvec3> directions;  // the sun's azimuth is that of x
-  std::vector<double> solid;      // solid angle of each and its mirror image
-  for (int row = 0; row < kElevations; ++row)
-    for (int turn = 0; turn < kAzimuths; ++turn) {
-      const auto edge = [](int i) { return sine_of_row(2.0 * i / kElevations - 1); };
-      const double z = sine_of_row(2 * (row + 0.5) / kElevations - 1), across = std::sqrt(1 - z * z);
-      const SinCos a = portable_sincos_2pi((turn + 0.5) / (2 * kAzimuths));
-      directions.emplace_back(across * a.cos, across * a.sin, z);
-      solid.push_back((edge(row + 1) - edge(row)) * 2 * kPi / kAzimuths);
-    }
-  // Of light from the sun, over the cell of a direction: the forward peak is narrower than that.
-  const auto mean_around = [&](const dvec3& sun, int direction) {
+/// Of all orders but the first, from a point towards a direction.
+AtmosphereLight::Mean AtmosphereLight::scattered(const dvec3& p, const dvec3& d, const dvec3& sun) const {
+  const double r = glm::length(p);
+  const dvec3 up = p / r;
+  const double cosine = glm::dot(d, up), sun_sine = glm::dot(sun, up);
+  const double across = std::sqrt(std::max(1e-12, (1 - cosine * cosine) * (1 - sun_sine * sun_sine)));
+  return scattered(place(r, sun_sine), cosine, (glm::dot(d, sun) - cosine * sun_sine) / across);
+}
+
+/// What the ground at the end of a ray reflects. @param irradiance  of the ground, by sun
+dvec3 AtmosphereLight::ground_radiance(const Ahead& ahead, const dvec3& sun,
+                                       const std::vector<vec3>& irradiance) const {
+  if (!ahead.meets_ground) return dvec3(0);
+  return ahead.transmittance * atmosphere_.ground_albedo / kPi *
+         ground_irradiance(place(kGround, glm::dot(sun, ahead.end) / glm::length(ahead.end)), irradiance);
+}
+
+/// The directions of the tables: on one side of the sun's azimuth, which is that of x.
+struct AtmosphereLight::Directions {
+  std::vector<dvec3> d;
+  std::vector<double> solid;  ///< solid angle of each and its mirror image
+
+  Directions() {
+    for (int row = 0; row < kElevations; ++row)
+      for (int turn = 0; turn < kAzimuths; ++turn) {
+        const auto edge = [](int i) { return sine_of_row(2.0 * i / kElevations - 1); };
+        d.push_back(direction_at(2 * (row + 0.5) / kElevations - 1, (turn + 0.5) / kAzimuths));
+        solid.push_back((edge(row + 1) - edge(row)) * 2 * kPi / kAzimuths);
+      }
+  }
+  /// Mean of the aerosol's phase function from the sun over the cell of a direction: its peak is narrower than a cell.
+  static double mean_aerosol_phase(double g, const dvec3& sun, int direction) {
     constexpr int kParts = 5;
     double sum = 0;
     for (int i = 0; i < kParts * kParts; ++i) {
       const double row = direction / kAzimuths + (i / kParts + 0.5) / kParts,
                    turn = direction % kAzimuths + (i % kParts + 0.5) / kParts;
-      const double z = sine_of_row(2 * row / kElevations - 1), across = std::sqrt(1 - z * z);
-      const SinCos a = portable_sincos_2pi(turn / (2 * kAzimuths));
-      sum += aerosol_phase(atmosphere_.aerosol_g, glm::dot(dvec3(across * a.cos, across * a.sin, z), sun));
+      sum += aerosol_phase(g, glm::dot(direction_at(2 * row / kElevations - 1, turn / kAzimuths), sun));
     }
     return sum / (kParts * kParts);
-  };
-  // What of the light from one direction goes to another: of a direction and its mirror image together. Rows are made
-  // to add up to one, as no light is lost.
-  std::array<std::vector<float>, 2> turned;
-  for (size_t kind = 0; kind < 2; ++kind) {
-    turned[kind].resize(kDirections * kDirections);
+  }
+  /// Which share of the light that comes from a direction and its mirror image goes to another: a row for each that it
+  /// goes to, which adds up to one, as no light is lost.
+  template <class Phase>
+  std::vector<float> scattering_matrix(const Phase& phase) const {
+    std::vector<float> matrix(kDirections * kDirections);
     for (size_t i = 0; i < kDirections; ++i) {
       double sum = 0;
       std::array<double, kDirections> row;
       for (size_t j = 0; j < kDirections; ++j) {
-        const auto phase = [&](double c) {
-          return kind == 0 ? rayleigh_phase(c) : aerosol_phase(atmosphere_.aerosol_g, c);
-        };
-        const dvec3 mirrored = directions[j] * dvec3(1, -1, 1);
-        row[j] =
-            0.5 * solid[j] * (phase(glm::dot(directions[i], directions[j])) + phase(glm::dot(directions[i], mirrored)));
+        const dvec3 mirrored = d[j] * dvec3(1, -1, 1);
+        row[j] = 0.5 * solid[j] * (phase(glm::dot(d[i], d[j])) + phase(glm::dot(d[i], mirrored)));
         sum += row[j];
       }
-      for (size_t j = 0; j < kDirections; ++j) turned[kind][i * kDirections + j] = static_cast<float>(row[j] / sum);
+      for (size_t j = 0; j < kDirections; ++j) matrix[i * kDirections + j] = static_cast<float>(row[j] / sum);
     }
+    return matrix;
   }
+};
 
-  scattered_.assign(places * kDirections, Mean{});
-  irradiance_.assign(suns_.size(), vec3(0));
-  std::vector<Mean> total = scattered_, order(places * kDirections);
-  std::vector<vec3> ground(suns_.size()), lit(suns_.size(), vec3(0));  // of an order; of the one before
-  for (int k = 0; k < suns; ++k) {
-    const double angle = suns_[static_cast<size_t>(k)];
-    const dvec3 sun{std::cos(angle), 0, std::sin(angle)};
-    lit[static_cast<size_t>(k)] = vec3(transmittance({0, 0, kGround}, sun) * std::max(0.0, sun.z));
+/// Light of one order that arrives at a place of the tables.
+struct AtmosphereLight::Arriving {
+  std::array<vec3, kDirections> L;
+  dvec3 down{0};  ///< irradiance from above, at the ground alone
+};
+
+/// @param first  whether light is scattered once; later orders are scattered from scattered_, which holds the one
+/// before
+/// @param lit    irradiance of the ground by the order before, by sun
+AtmosphereLight::Arriving AtmosphereLight::arriving(bool first, int height, double angle, const Directions& directions,
+                                                    const std::vector<vec3>& lit) const {
+  const dvec3 sun{std::cos(angle), 0, std::sin(angle)};
+  // Just inside: rays from the ground and the top do not begin outside.
+  const double h = std::clamp(height_of(height / (kHeights - 1.0)), 1.0, kTop - kGround - 1);
+  Arriving to;
+  for (size_t i = 0; i < kDirections; ++i) {
+    const dvec3& d = directions.d[i];
+    const double rayleigh = rayleigh_phase(glm::dot(d, sun));
+    const double aerosol = first ? Directions::mean_aerosol_phase(atmosphere_.aerosol_g, sun, static_cast<int>(i)) : 0;
+    const auto source = [&](const dvec3& p, const dvec3& amounts) -> dvec3 {
+      const dvec3 by_air = atmosphere_.air * amounts.x,
+                  by_aerosol = atmosphere_.aerosol_albedo * atmosphere_.aerosol * amounts.y;
+      if (first) return (by_air * rayleigh + by_aerosol * aerosol) * transmittance(p, sun);
+      const Mean mean = scattered(p, d, sun);
+      return by_air * dvec3(mean[0]) + by_aerosol * dvec3(mean[1]);
+    };
+    const Ahead ahead = march({0, 0, kGround + h}, d, kCoarseStep, source);
+    const dvec3 light = ahead.L + ground_radiance(ahead, sun, lit);
+    to.L[i] = vec3(light);
+    if (height == 0 && d.z > 0) to.down += directions.solid[i] * d.z * light;
   }
-  std::vector<vec3> all = lit;
-  // scattered_ holds the source of the order that is marched; of the first it is the sun.
+  return to;
+}
+
+/// One order of scattering after the other; those after kOrders as a geometric series.
+void AtmosphereLight::solve(const Task& task) {
+  const Directions directions;
+  const std::array<std::vector<float>, 2> matrices = {
+      directions.scattering_matrix(rayleigh_phase),
+      directions.scattering_matrix([&](double c) { return aerosol_phase(atmosphere_.aerosol_g, c); })};
+  const size_t places = static_cast<size_t>(kHeights) * suns_.size();
+  scattered_.assign(places * kDirections, Mean{});
+  std::vector<Mean> total = scattered_, order(places * kDirections);
+  std::vector<vec3> ground(suns_.size()), lit;  // irradiance by an order; by the one before, first by the sun
+  for (const double angle : suns_) {
+    const dvec3 sun{std::cos(angle), 0, std::sin(angle)};
+    lit.emplace_back(transmittance({0, 0, kGround}, sun) * std::max(0.0, sun.z));
+  }
+  irradiance_ = lit;
   for (int n = 1; n <= kOrders; ++n) {
-    parallel_for(static_cast<int>(places), quiet(task), [&](int place_number) {
-      const auto at = static_cast<size_t>(place_number);
+    parallel_for(static_cast<int>(places), quiet(task), [&](int number) {
+      const auto at = static_cast<size_t>(number), sun = at % suns_.size();
       const auto height = static_cast<int>(at / suns_.size());
-      const double angle = suns_[at % suns_.size()];
-      const dvec3 sun{std::cos(angle), 0, std::sin(angle)};
-      // Just inside: rays from the ground and the top do not begin outside.
-      const double h = std::clamp(height_of(height / (kHeights - 1.0)), 1.0, kTop - kGround - 1);
-      std::array<vec3, kDirections> L;
-      dvec3 down(0);
-      for (size_t i = 0; i < kDirections; ++i) {
-        const dvec3& d = directions[i];
-        const double to_sun = glm::dot(d, sun);
-        bool meets_ground;
-        dvec3 left, end;
-        const double rayleigh = rayleigh_phase(to_sun);
-        const double aerosol = n == 1 ? mean_around(sun, static_cast<int>(i)) : 0;
-        const auto source = [&](const dvec3& p, const dvec3& amounts) -> dvec3 {
-          const dvec3 by_air = atmosphere_.air * amounts.x,
-                      by_aerosol = atmosphere_.aerosol_albedo * atmosphere_.aerosol * amounts.y;
-          if (n == 1) return (by_air * rayleigh + by_aerosol * aerosol) * transmittance(p, sun);
-          const double r = glm::length(p);
-          const dvec3 up = p / r;
-          const double cosine = glm::dot(d, up), sun_sine = glm::dot(sun, up);
-          const double across = std::sqrt(std::max(1e-12, (1 - cosine * cosine) * (1 - sun_sine * sun_sine)));
-          const Mean mean = scattered(place(r, sun_sine), cosine, (to_sun - cosine * sun_sine) / across);
-          return by_air * dvec3(mean[0]) + by_aerosol * dvec3(mean[1]);
-        };
-        dvec3 light = march({0, 0, kGround + h}, d, kCoarseStep, source, meets_ground, left, end);
-        if (meets_ground)
-          light += left * atmosphere_.ground_albedo / kPi *
-                   ground_irradiance(place(kGround, glm::dot(sun, end) / glm::length(end)), lit);
-        L[i] = vec3(light);
-        if (height == 0 && d.z > 0) down += solid[i] * d.z * light;
-      }
-      if (height == 0) ground[at % suns_.size()] = vec3(down);
+      const Arriving light = arriving(n == 1, height, suns_[sun], directions, lit);
+      if (height == 0) ground[sun] = vec3(light.down);
       for (size_t i = 0; i < kDirections; ++i)
         for (size_t kind = 0; kind < 2; ++kind) {
           vec3 sum(0);
-          const float* const row = turned[kind].data() + i * kDirections;
-          for (size_t j = 0; j < kDirections; ++j) sum += row[j] * L[j];
+          const float* const row = matrices[kind].data() + i * kDirections;
+          for (size_t j = 0; j < kDirections; ++j) sum += row[j] * light.L[j];
           order[at * kDirections + i][kind] = sum;
         }
     });
@@ -323,33 +356,23 @@ void AtmosphereLight::solve(const Task& task) {
         total[i][kind] += factor * order[i][kind];
         scattered_[i][kind] = root_of(order[i][kind]);
       }
-    for (size_t k = 0; k < ground.size(); ++k) all[k] += factor * ground[k];
+    for (size_t k = 0; k < ground.size(); ++k) irradiance_[k] += factor * ground[k];
     lit = ground;
   }
   for (size_t i = 0; i < total.size(); ++i)
     for (size_t kind = 0; kind < 2; ++kind) scattered_[i][kind] = root_of(total[i][kind]);
-  irradiance_ = std::move(all);
 }
 
 dvec3 AtmosphereLight::radiance(const dvec3& p, const dvec3& d, const dvec3& sun) const {
   const double to_sun = glm::dot(d, sun);
   const double rayleigh = rayleigh_phase(to_sun), aerosol = aerosol_phase(atmosphere_.aerosol_g, to_sun);
-  bool meets_ground;
-  dvec3 left, end;
-  const auto source = [&](const dvec3& at, const dvec3& amounts) -> dvec3 {
-    const double r = glm::length(at);
-    const dvec3 up = at / r, once = transmittance(at, sun);
-    const double cosine = glm::dot(d, up), sun_sine = glm::dot(sun, up);
-    const double across = std::sqrt(std::max(1e-12, (1 - cosine * cosine) * (1 - sun_sine * sun_sine)));
-    const Mean mean = scattered(place(r, sun_sine), cosine, (to_sun - cosine * sun_sine) / across);
+  const Ahead ahead = march(p, d, kStep, [&](const dvec3& at, const dvec3& amounts) -> dvec3 {
+    const dvec3 once = transmittance(at, sun);
+    const Mean mean = scattered(at, d, sun);
     return atmosphere_.air * amounts.x * (rayleigh * once + dvec3(mean[0])) +
            atmosphere_.aerosol_albedo * atmosphere_.aerosol * amounts.y * (aerosol * once + dvec3(mean[1]));
-  };
-  dvec3 L = march(p, d, kStep, source, meets_ground, left, end);
-  if (meets_ground)
-    L += left * atmosphere_.ground_albedo / kPi *
-         ground_irradiance(place(kGround, glm::dot(sun, end) / glm::length(end)), irradiance_);
-  return L;
+  });
+  return ahead.L + ground_radiance(ahead, sun, irradiance_);
 }
 
 }  // namespace brume

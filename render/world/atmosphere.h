@@ -53,6 +53,9 @@ class AtmosphereLight {
  private:
   static constexpr int kHeights = 14, kElevations = 20, kAzimuths = 14, kDirections = kElevations * kAzimuths;
   struct Place;                      // in the tables
+  struct Directions;                 // of the tables
+  struct Ahead;                      // of a ray
+  struct Arriving;                   // at a place
   using Mean = std::array<vec3, 2>;  // radiance times phase function over all directions: Rayleigh's, the aerosol's
 
   size_t index(int height, int sun) const {
@@ -63,9 +66,12 @@ class AtmosphereLight {
   Place place(double r, double sun_sine) const;
   Mean scattered(const Place& place, double cosine, double cos_azimuth) const;
   dvec3 ground_irradiance(const Place& place, const std::vector<vec3>& of) const;
+  Mean scattered(const dvec3& p, const dvec3& d, const dvec3& sun) const;
   template <class Source>
-  dvec3 march(const dvec3& p, const dvec3& d, double coarseness, const Source& source, bool& meets_ground, dvec3& left,
-              dvec3& end) const;
+  Ahead march(const dvec3& p, const dvec3& d, double coarseness, const Source& source) const;
+  dvec3 ground_radiance(const Ahead& ahead, const dvec3& sun, const std::vector<vec3>& irradiance) const;
+  Arriving arriving(bool first, int height, double angle, const Directions& directions,
+                    const std::vector<vec3>& lit) const;
   void solve(const Task& task);
 
   Atmosphere atmosphere_;

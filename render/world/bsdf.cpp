@@ -185,7 +185,7 @@ double Bsdf::pdf(const dvec3& wo, const dvec3& wi, bool inside) const {
   return (1.0 - fresnel_dielectric(co, eta)) * visible_d(wo, m, a) * eta * eta * std::abs(ci) / square(co + eta * ci);
 }
 
-/// Of a diffuse surface: of sampling what it reflects rather than what passes through it.
+/// Probability that a diffuse surface's sample is reflected rather than transmitted.
 double Bsdf::reflection_chance() const {
   const double through = max_component(passed);
   return through > 0 ? max_component(albedo) / (max_component(albedo) + through) : 1.0;

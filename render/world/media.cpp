@@ -394,8 +394,8 @@ class SceneMedia::Loader {
       if (of_arrays()) {
         for (const std::string& line : v_.grids->velocity->notes)
           if (std::find(into_.notes_.begin(), into_.notes_.end(), line) == into_.notes_.end()) note(line);
-        displacement = displacement_of(*v_.grids->velocity, field, field.world_from_index, v_.velocity_scale, shutter.x,
-                                       shutter.y, into_.notes_, task_);
+        displacement =
+            displacement_of(*v_.grids->velocity, field, {v_.velocity_scale, shutter.x, shutter.y}, into_.notes_, task_);
       } else {
         displacement = fields_.displacement(field, shutter.x, shutter.y);
       }

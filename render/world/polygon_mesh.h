@@ -33,8 +33,19 @@ class PolygonMesh {
 
  private:
   struct Face {
-    size_t first, count, number;  // of its corners
+    size_t first, count;  // of its corners
+    size_t number;        // as add_face has it
   };
+  /// Whether vertices are those of the lists above; whether they have texture coordinates and normals.
+  struct Vertices {
+    bool shared, textured, smooth;
+  };
+  struct Flaws;
+
+  std::span<const Corner> corners_of(const Face& face) const { return {corners_.data() + face.first, face.count}; }
+  Vertices kind_of_vertices(Flaws& flaws) const;
+  std::vector<dvec3> polygon(const Face& face, Flaws& flaws) const;
+
   std::vector<Corner> corners_;
   std::vector<Face> faces_;
 };

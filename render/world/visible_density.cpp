@@ -329,8 +329,8 @@ class Finder {
   const Task& task_;
   Window window_;
   double near_ = 0, far_ = 0;  // of the support, along the view
-  double least_ = 0;           // depth of a column that is seen
-  float most_ = 0;             // density that is no damage
+  double least_ = 0;           // a column of less optical depth counts as not seen
+  float most_ = 0;             // greater densities are taken for damage
   Map map_;
 };
 

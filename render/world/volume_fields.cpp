@@ -154,12 +154,10 @@ VectorField VolumeFields::colour() {
 }
 
 Displacement VolumeFields::displacement(const ScalarField& field, double open, double close) {
-  if (velocity_)
-    return displacement_over(*velocity_, field.bricks, field.summary.box, field.world_from_index, 1, open, close,
-                             notes_, task_);
+  if (velocity_) return displacement_over(*velocity_, field, {1, open, close}, notes_, task_);
   const bool later = v_.moment.later && v_.moment.share >= 0.5;
   return load_displacement(file_of(later ? *v_.moment.later : v_, GridUse::kVelocity), name_or_none(v_.velocity_grid),
-                           field, v_.velocity_scale, open, close, notes_, task_);
+                           field, {v_.velocity_scale, open, close}, notes_, task_);
 }
 
 }  // namespace brume

@@ -30,7 +30,7 @@ extern "C" int LLVMFuzzerTestOneInput(const uint8_t* data, size_t size) {
         brume::ScalarField density;
         density.summary.box = {brume::ivec3(0), brume::ivec3(7)};
         std::vector<std::string> notes;
-        brume::load_displacement(path, "", density, 1.0, 0.0, 1.0, notes);
+        brume::load_displacement(path, "", density, {1.0, 0.0, 1.0}, notes);
         break;
       }
       default:

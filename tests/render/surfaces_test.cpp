@@ -1,66 +1,26 @@
 #include "render/world/surfaces.h"
 
-#include <fmt/format.h>
 #include <gtest/gtest.h>
 #include <tbb/global_control.h>
 #include <tbb/info.h>
 
 #include <algorithm>
 #include <cmath>
-#include <fstream>
 #include <limits>
 
 #include "base/error.h"
-#include "base/running_statistics.h"
 #include "image/exr_io.h"
 #include "image/picture_io.h"
 #include "render/session/renderer.h"
 #include "tests/support/files.h"
+#include "tests/support/surface_scenes.h"
 #include "tests/support/volumes.h"
 
 namespace brume {
 namespace {
 
-/// A ball of quadrilaterals as OBJ, outside out.
-void write_ball(const std::filesystem::path& path, double radius, int n = 48, bool normals = false) {
-  std::ofstream f(path);
-  const int rings = n / 2;
-  for (int j = 0; j <= rings; ++j)
-    for (int i = 0; i < n; ++i) {
-      const double theta = kPi * j / rings, phi = 2 * kPi * i / n;
-      f << "v " << radius * std::sin(theta) * std::cos(phi) << ' ' << radius * std::sin(theta) * std::sin(phi) << ' '
-        << radius * std::cos(theta) << '\n';
-      if (normals)
-        f << "vn " << std::sin(theta) * std::cos(phi) << ' ' << std::sin(theta) * std::sin(phi) << ' '
-          << std::cos(theta) << '\n';
-    }
-  const auto corner = [&](int v) { return normals ? fmt::format("{}//{}", v + 1, v + 1) : fmt::format("{}", v + 1); };
-  for (int j = 0; j < rings; ++j)
-    for (int i = 0; i < n; ++i)
-      f << "f " << corner(j * n + i) << ' ' << corner((j + 1) * n + i) << ' ' << corner((j + 1) * n + (i + 1) % n)
-        << ' ' << corner(j * n + (i + 1) % n) << '\n';
-}
-
-const char* const kFloor =
-    "v -50 -50 0\nv 50 -50 0\nv 50 50 0\nv -50 50 0\nvt 0 0\nvt 1 0\nvt 1 1\nvt 0 1\nf 1/1 2/2 3/3 4/4\n";
-
-class SurfaceTest : public ::testing::Test {
- protected:
-  SurfaceTest() {
-    write_ball(folder_ / "ball.obj", 1.0);
-    test::write_file(folder_ / "floor.obj", kFloor);
-  }
-  Scene scene(const char* mesh) {
-    Scene s;
-    s.film.width = s.film.height = 16;
-    s.camera.position = dvec3(0, -6, 3);
-    s.camera.fov = 26;
-    s.surfaces.emplace_back();
-    s.surfaces[0].file = folder_ / mesh;
-    return s;
-  }
-  test::TemporaryFolder folder_;
-};
+using test::SurfaceTest;
+using test::write_ball;
 
 TEST_F(SurfaceTest, LeaveAllThreadsToTheProgram) {
   // Embree tells TBB how many threads there are, for as long as its device lives.
@@ -144,114 +104,6 @@ TEST_F(SurfaceTest, HitsLieOnTheirTrianglesInDoublePrecision) {
     ASSERT_FALSE(surfaces.intersect({off, glm::normalize(hit->normal + 0.99 * ray.d)}, 1e9)) << i;
   }
   EXPECT_GT(hits, 5000);
-}
-
-// For every kind of surface and incidence: the sampled weight is f cos / pdf, and the density integrates to the share
-// of samples that carry anything.
-TEST(Bsdf, WeightsAreValuesOverDensities) {
-  Rng rng(1);
-  for (const Bsdf::Kind kind :
-       {Bsdf::Kind::kDiffuse, Bsdf::Kind::kConductor, Bsdf::Kind::kDielectric, Bsdf::Kind::kCoated})
-    for (const double roughness : {0.25, 0.5, 0.9})
-      for (const bool inside : {false, true})
-        for (const double cos_o : {0.1, 0.5, 0.95}) {
-          const CoatAlbedo coat(roughness * roughness, 1.5);
-          const Bsdf bsdf{kind, dvec3(0.7), roughness, 1.5, dvec3(0.4), &coat};
-          const dvec3 wo(std::sqrt(1 - cos_o * cos_o), 0, cos_o);
-          RunningStatistics sampled, uniform, pdf;
-          for (int i = 0; i < 40000; ++i) {
-            Bsdf::Sample s;
-            const bool ok = bsdf.sample(wo, inside, {rng.uniform(), rng.uniform(), rng.uniform()}, s);
-            if (ok) {
-              ASSERT_NEAR(s.pdf, bsdf.pdf(wo, s.wi, inside), 1e-6 * s.pdf + 1e-9);
-              const dvec3 value = bsdf.value(wo, s.wi, inside);
-              if (s.pdf > 1e-6) {
-                ASSERT_NEAR(s.weight.x, value.x / s.pdf, 2e-3 * s.weight.x + 1e-6);
-              }
-            }
-            sampled.add(ok ? s.weight.x : 0.0);
-            const dvec3 wi = test::random_direction(rng);
-            uniform.add(bsdf.value(wo, wi, inside).x * 4 * kPi);
-            pdf.add(bsdf.pdf(wo, wi, inside) * 4 * kPi);
-          }
-          EXPECT_NEAR(sampled.mean, uniform.mean, 5 * std::sqrt(sampled.mean_variance() + uniform.mean_variance()))
-              << static_cast<int>(kind) << " " << roughness << " " << inside << " " << cos_o;
-          EXPECT_LE(pdf.mean, 1 + 5 * std::sqrt(pdf.mean_variance()));
-          EXPECT_GE(pdf.mean, 0.5);
-        }
-}
-
-// A coat over a base that absorbs nothing loses nothing, from whichever side it is looked at; light may be sent either
-// way.
-TEST(Bsdf, CoatsAreReciprocalAndLoseNothing) {
-  Rng rng(3);
-  for (const double roughness : {0.0, 0.2, 0.5, 1.0})
-    for (const double ior : {1.05, 1.5, 2.5}) {
-      Bsdf bsdf{Bsdf::Kind::kCoated, dvec3(1), roughness, ior};
-      const CoatAlbedo coat(bsdf.alpha(), ior);
-      bsdf.coat = &coat;
-      for (const double cos_o : {0.05, 0.3, 0.7, 1.0}) {
-        const dvec3 wo(std::sqrt(1 - cos_o * cos_o), 0, cos_o);
-        RunningStatistics reflected;
-        for (int i = 0; i < 20000; ++i) {
-          Bsdf::Sample s;
-          const bool ok = bsdf.sample(wo, false, {rng.uniform(), rng.uniform(), rng.uniform()}, s);
-          reflected.add(ok ? s.weight.x : 0.0);
-          if (!ok || s.wi.z < 1e-3) continue;
-          const double there = bsdf.value(wo, s.wi, false).x * wo.z, back = bsdf.value(s.wi, wo, false).x * s.wi.z;
-          ASSERT_NEAR(there, back, 1e-6 * there);
-        }
-        EXPECT_NEAR(reflected.mean, 1, 5 * std::sqrt(reflected.mean_variance()) + 4e-3)
-            << roughness << " " << ior << " " << cos_o;
-      }
-    }
-}
-
-// Directions come as often as the density says: counted in cells of equal solid angle on either side.
-TEST(Bsdf, DirectionsHaveTheirDensity) {
-  constexpr int kAcross = 8, kAround = 12, kDraws = 200000, kPoints = 64;
-  for (const Bsdf::Kind kind : {Bsdf::Kind::kConductor, Bsdf::Kind::kDielectric, Bsdf::Kind::kCoated})
-    for (const double roughness : {0.6, 0.9})
-      for (const double cos_o : {0.3, 0.9}) {
-        const CoatAlbedo coat(roughness * roughness, 1.5);
-        const Bsdf bsdf{kind, dvec3(0.7), roughness, 1.5, dvec3(1), &coat};
-        const dvec3 wo(std::sqrt(1 - cos_o * cos_o), 0, cos_o);
-        std::vector<double> expected(2 * kAcross * kAround + 1), counted(expected.size());
-        double all = 0;
-        for (int cell = 0; cell < 2 * kAcross * kAround; ++cell) {
-          double sum = 0;
-          for (int k = 0; k < kPoints * kPoints; ++k) {
-            const double z = -1 + (cell / kAround + (k % kPoints + 0.5) / kPoints) / kAcross;
-            const double phi = (cell % kAround + (k / kPoints + 0.5) / kPoints) * 2 * kPi / kAround;
-            const double r = std::sqrt(1 - z * z);
-            sum += bsdf.pdf(wo, {r * std::cos(phi), r * std::sin(phi), z}, false);
-          }
-          expected[static_cast<size_t>(cell)] = sum / (kPoints * kPoints) * 2 * kPi / (kAcross * kAround) * kDraws;
-          all += expected[static_cast<size_t>(cell)];
-        }
-        expected.back() = kDraws - all;  // that carry nothing
-        Rng rng(7);
-        for (int i = 0; i < kDraws; ++i) {
-          Bsdf::Sample s;
-          if (!bsdf.sample(wo, false, {rng.uniform(), rng.uniform(), rng.uniform()}, s)) {
-            ++counted.back();
-            continue;
-          }
-          const double phi = std::atan2(s.wi.y, s.wi.x), turn = (phi < 0 ? phi + 2 * kPi : phi) / (2 * kPi);
-          const int row = std::clamp(static_cast<int>((s.wi.z + 1) * kAcross), 0, 2 * kAcross - 1);
-          ++counted[static_cast<size_t>(row * kAround + std::min(static_cast<int>(turn * kAround), kAround - 1))];
-        }
-        double chi2 = 0;
-        int cells = 0;
-        for (size_t i = 0; i < expected.size(); ++i) {
-          if (expected[i] < 20) continue;
-          chi2 += (counted[i] - expected[i]) * (counted[i] - expected[i]) / expected[i];
-          ++cells;
-        }
-        // Mean and deviation of the distribution; the cells' integrals are wrong by a little, too.
-        EXPECT_LT(chi2, cells + 5 * std::sqrt(2.0 * cells))
-            << static_cast<int>(kind) << " " << roughness << " " << cos_o;
-      }
 }
 
 bool says(const PreparedScene& prepared, const std::string& part) {
@@ -431,7 +283,6 @@ TEST_F(SurfaceTest, AMeshLightIsTheRectangleItLooksLike) {
   }
 }
 
-// A picture on the floor: linear from EXR as it is, from PNG decoded; v runs up.
 // A coarse ball with vertex normals is shaded like a round one: its normals are the ball's, under any transform, and no
 // light is made at the seams of its triangles.
 TEST_F(SurfaceTest, VertexNormalsMakeACoarseBallRound) {
@@ -470,6 +321,7 @@ TEST_F(SurfaceTest, VertexNormalsMakeACoarseBallRound) {
   EXPECT_GT(m.value.x, 0.99) << "of the sky's light, lost where shading and triangles disagree";
 }
 
+// A picture on the floor: linear from EXR as it is, from PNG decoded; v runs up.
 TEST_F(SurfaceTest, TexturesColourTheAlbedo) {
   Layers picture(2, 2);
   const auto rgb = picture.add_rgb(layer::beauty);
@@ -574,199 +426,6 @@ TEST_F(SurfaceTest, HoldoutsCutHolesAndCatchersGatherShadows) {
   EXPECT_LT(lit, 0.75 * free);
   EXPECT_NEAR(f.at("R")(0, 15), 0.5f, 1e-6f) << "the plate is not hidden: the sky is behind";
   EXPECT_EQ(f.at("A")(0, 15), 0.0f);
-}
-
-TEST_F(SurfaceTest, SmokeBehindGlassIsSeen) {
-  Scene s = scene("ball.obj");
-  s.surfaces[0].material = "dielectric";
-  s.surfaces[0].roughness = 0;
-  VolumeSettings fog;
-  fog.shape = "sphere";
-  fog.lo = dvec3(-0.5);
-  fog.hi = dvec3(0.5);
-  fog.sigma_t = dvec3(50);
-  fog.albedo = dvec3(0);
-  s.volumes.push_back(fog);
-  s.environment.radiance = dvec3(1);
-  const Layers f = PreparedScene(s, {}).render(512, 1, {}).layers;
-  EXPECT_LT(f.at("R")(8, 8), 0.2f) << "black smoke in the middle, but for reflections";
-  EXPECT_GT(f.at("R")(8, 8), 0.03f);
-  EXPECT_EQ(f.at("R")(0, 0), 1.0f);
-  EXPECT_FALSE(says(PreparedScene(s, {}), "through dielectric meshes"));
-  LightSettings point;
-  point.type = "point";
-  point.position = dvec3(3);
-  point.intensity = dvec3(1);
-  s.lights.push_back(point);
-  EXPECT_TRUE(says(PreparedScene(s, {}), "through dielectric meshes"));
-}
-
-// Glass that hardly bends anything: light sampling through it gives what paths through it find, each light once, and
-// points as well. 5 standard errors are below 8 %.
-TEST_F(SurfaceTest, StraightShadowsOfClearGlassLoseNothing) {
-  struct Case {
-    const char* light;
-    bool traced;  // the reference; else no glass at all
-  };
-  for (const Case& c : {Case{"sphere", true}, Case{"sun", true}, Case{"mesh", true}, Case{"point", false}}) {
-    Scene s = scene("ball.obj");
-    s.surfaces[0].material = "dielectric";
-    s.surfaces[0].roughness = 0;
-    s.surfaces[0].ior = 1.0001;
-    s.surfaces[0].albedo = dvec3(c.traced ? 0.7 : 1);
-    VolumeSettings fog;
-    fog.shape = "sphere";
-    fog.lo = dvec3(-0.8);
-    fog.hi = dvec3(0.8);
-    fog.sigma_t = dvec3(2);
-    fog.albedo = dvec3(0.9);
-    s.volumes.push_back(fog);
-    LightSettings light;
-    light.type = c.light;
-    light.direction = light.position = dvec3(1, -1, 2.5);
-    light.angular_diameter = 50;
-    light.irradiance = light.intensity = dvec3(3);
-    light.radius = 1;
-    light.radiance = dvec3(4);
-    light.visible_to_camera = true;
-    if (std::string(c.light) == "mesh") {
-      s.surfaces.push_back(s.surfaces[0]);
-      s.surfaces[1].material = "diffuse";
-      s.surfaces[1].radiance = dvec3(4);
-      s.surfaces[1].object_to_world = test::translation(light.position + dvec3(0, 0, 0.2));
-    } else {
-      s.lights.push_back(light);
-    }
-    const auto render = [&](const char* shadow, int64_t seed) {
-      s.surfaces[0].shadow = shadow;
-      const RenderResult r = PreparedScene(s, LayerRequest::of({"direct", "indirect"}, true)).render(4000, seed, {});
-      EXPECT_EQ(r.layers.text("biased").substr(0, 4), std::string(shadow) == "straight" ? "true" : "fals");
-      return r.layers;
-    };
-    const Layers straight = render("straight", 1);
-    if (!c.traced) s.surfaces[0].object_to_world = test::translation({0, 0, -1000});
-    const Layers reference = render("traced", 2);
-    // The glass is an event of its own: behind it all light is indirect.
-    const test::Mean a = test::mean_radiance(straight, layer::indirect);
-    const test::Mean b = test::mean_radiance(reference, c.traced ? layer::indirect : layer::beauty);
-    const double error = 5 * std::hypot(a.error.x, b.error.x);
-    EXPECT_NEAR(a.value.x, b.value.x, error) << c.light;
-    EXPECT_LT(error, 0.08 * b.value.x) << c.light;
-  }
-}
-
-// What light sampling cannot see past is left to paths, before and after straight glass: other glass and mirrors. 5
-// standard errors are below 3 %, and without that care 7 and 3.5 % of the light were lost.
-TEST_F(SurfaceTest, StraightShadowsLeaveTheRestToPaths) {
-  for (const char* inner : {"dielectric", "conductor"}) {
-    Scene s = scene("ball.obj");
-    s.camera.position = dvec3(0, -7, 3);
-    s.camera.fov = 50;
-    s.surfaces[0].material = "dielectric";
-    s.surfaces[0].roughness = 0;
-    s.surfaces[0].ior = 1.0001;
-    s.surfaces[0].albedo = dvec3(1);
-    s.surfaces.push_back(s.surfaces[0]);
-    s.surfaces[1].material = inner;
-    for (int a = 0; a < 3; ++a) s.surfaces[1].object_to_world[a][a] = 0.7;
-    s.surfaces.push_back({});
-    s.surfaces[2].file = folder_ / "floor.obj", s.surfaces[2].object_to_world = test::translation({0, 0, -1.1});
-    s.surfaces[2].albedo = dvec3(0.8);
-    LightSettings lamp;
-    lamp.type = "sphere";
-    lamp.position = dvec3(0.5, 0, 4);
-    lamp.radius = 1;
-    lamp.radiance = dvec3(4);
-    s.lights.push_back(lamp);
-    const auto render = [&](const char* shadow, int64_t seed) {
-      s.surfaces[0].shadow = shadow;
-      return test::mean_radiance(PreparedScene(s, {}).render(8000, seed, {}).layers);
-    };
-    const test::Mean a = render("straight", 1), b = render("traced", 2);
-    const double error = 5 * std::hypot(a.error.x, b.error.x);
-    EXPECT_NEAR(a.value.x, b.value.x, error) << inner;
-    EXPECT_LT(error, 0.03 * b.value.x) << inner;
-  }
-}
-
-TEST(LoadMesh, ReadsObjAndPlyOfAllKinds) {
-  const test::TemporaryFolder folder;
-  test::write_file(folder / "a.obj", kFloor);
-  const std::string header =
-      "element vertex 4\nproperty float x\nproperty float y\nproperty float z\nelement face 1\n"
-      "property list uchar int vertex_indices\nend_header\n";
-  test::write_file(folder / "a.ply",
-                   "ply\nformat ascii 1.0\n" + header + "-50 -50 0\n50 -50 0\n50 50 0\n-50 50 0\n4 0 1 2 3\n");
-  std::string binary = "ply\nformat binary_little_endian 1.0\n" + header;
-  for (const float v : {-50.f, -50.f, 0.f, 50.f, -50.f, 0.f, 50.f, 50.f, 0.f, -50.f, 50.f, 0.f})
-    binary.append(reinterpret_cast<const char*>(&v), 4);
-  binary += '\4';
-  for (const int32_t v : {0, 1, 2, 3}) binary.append(reinterpret_cast<const char*>(&v), 4);
-  test::write_file(folder / "b.ply", binary);
-  for (const char* name : {"a.obj", "a.ply", "b.ply"}) {
-    const TriangleMesh mesh = load_mesh(folder / name, dmat4(1));
-    ASSERT_EQ(mesh.triangles.size(), 2u) << name;
-    EXPECT_NEAR(mesh.area(0) + mesh.area(1), 1e4, 1e-3);
-    EXPECT_NEAR(mesh.normal(0).z, 1, 1e-6);
-    EXPECT_NEAR(load_mesh(folder / name, test::scaling(dvec3(1, 1, -1))).normal(0).z, -1, 1e-6)
-        << "a mirror keeps the outside outside: what pointed up now points down";
-  }
-}
-
-TEST(LoadMesh, KeepsVertexNormalsWhereEveryVertexHasOne) {
-  const test::TemporaryFolder folder;
-  const std::string face = "v 0 0 0\nv 1 0 0\nv 0 1 0\nvn 0 0 2\nvn 1 0 1\n";
-  test::write_file(folder / "all.obj", face + "f 1//1 2//2 3//1\n");
-  test::write_file(folder / "some.obj", face + "f 1//1 2//2 3\n");
-  test::write_file(folder / "zero.obj", face + "vn 0 0 0\nf 1//1 2//2 3//3\n");
-  test::write_file(
-      folder / "all.ply",
-      "ply\nformat ascii 1.0\nelement vertex 3\nproperty float x\nproperty float y\nproperty float z\n"
-      "property float nx\nproperty float ny\nproperty float nz\nelement face 1\n"
-      "property list uchar int vertex_indices\nend_header\n0 0 0 0 0 2\n1 0 0 1 0 1\n0 1 0 0 0 2\n3 0 1 2\n");
-  for (const char* name : {"all.obj", "all.ply"}) {
-    const TriangleMesh mesh = load_mesh(folder / name, test::scaling(dvec3(2, 1, 1)));
-    ASSERT_EQ(mesh.normals.size(), 3u) << name;
-    EXPECT_NEAR(mesh.normals[0].z, 1, 1e-6) << "made unit";
-    EXPECT_NEAR(mesh.normals[1].z / mesh.normals[1].x, 2, 1e-5) << "turned like a plane, not like an edge";
-  }
-  EXPECT_TRUE(load_mesh(folder / "some.obj", dmat4(1)).normals.empty());
-  const TriangleMesh zero = load_mesh(folder / "zero.obj", dmat4(1));
-  EXPECT_TRUE(zero.normals.empty());
-  ASSERT_EQ(zero.notes.size(), 1u);
-  EXPECT_NE(zero.notes[0].find("without a direction"), std::string::npos);
-}
-
-TEST(LoadMesh, BrokenFilesSayWhatIsWrong) {
-  const test::TemporaryFolder folder;
-  const auto error = [&](const std::string& name, const std::string& text) -> std::string {
-    test::write_file(folder / name, text);
-    try {
-      load_mesh(folder / name, dmat4(1));
-    } catch (const InputError& e) {
-      return e.what();
-    }
-    return "";
-  };
-  const auto holds = [](const std::string& text, const char* part) { return text.find(part) != std::string::npos; };
-  EXPECT_TRUE(holds(error("a.stl", "solid"), "neither PLY (by its first bytes) nor OBJ"));
-  EXPECT_TRUE(holds(error("a.obj", "v 0 0 0\nv 1 0 0\nv 0 1 0\nf 1 2 9\n"),
-                    "none of its 1 faces can be used: the one in line 4 has vertices that are not there (9 of 3)"));
-  EXPECT_TRUE(holds(error("b.obj", "v 0 0 0\nv 1 0 0\nv 2 0 0\nf 1 2 3\n"), "no triangle with an area"));
-  EXPECT_TRUE(holds(error("c.ply", "ply\nformat ascii 1.0\nelement vertex 3\n"), "header has no end"));
-  EXPECT_TRUE(holds(error("d.ply", "ply\nformat binary_mixed_endian 1.0\nend_header\n"), "binary_mixed_endian"));
-  EXPECT_TRUE(holds(
-      error(
-          "e.ply",
-          "ply\nformat binary_little_endian 1.0\nelement vertex 3\nproperty float x\nproperty float y\nproperty float z\nend_header\nabc"),
-      "truncated"));
-  EXPECT_TRUE(holds(error("f.ply", "ply\nformat ascii 1.0\nelement vertex 1\nproperty float a\nend_header\n0\n"),
-                    "no x, y, z"));
-  // Degenerate triangles beside a good one are dropped and counted; edges shared by three triangles are no matter.
-  test::write_file(folder / "g.obj", "v 0 0 0\nv 1 0 0\nv 0 1 0\nv 0 0 1\nf 1 2 3\nf 1 2 2\nf 1 2 4\nf 2 1 4\n");
-  const TriangleMesh mesh = load_mesh(folder / "g.obj", dmat4(1));
-  EXPECT_EQ(mesh.triangles.size(), 3u);
-  EXPECT_TRUE(holds(mesh.notes.at(0), "1 degenerate"));
 }
 
 }  // namespace

@@ -4,25 +4,14 @@
 
 #include <gtest/gtest.h>
 
-#include "tests/support/files.h"
-#include "tests/support/vdb_grids.h"
+#include "tests/support/vdb_files.h"
 #include "volume/medium.h"
-#include "volume/vdb_io.h"
 
 namespace brume {
 namespace {
 
-namespace fs = std::filesystem;
-
-void write(const fs::path& path, const openvdb::GridPtrVec& grids) {
-  openvdb::io::File file(path.string());
-  file.write(grids);
-  file.close();
-}
-
-bool holds(const std::string& text, const std::string& part) {
-  return text.find(part) != std::string::npos;
-}
+using test::holds;
+using test::write;
 
 /// Balls of density, some voxels apart, each with a velocity of its own.
 struct MovingBalls {
@@ -110,13 +99,13 @@ TEST(LoadDisplacement, NoDensityIsLostWhereVelocityIsStoredOnlyInIt) {
     const ScalarField density = load_scalar(folder / "v.vdb", {});
     for (const double scale : {1.0, 2.0, 6.0}) {
       std::vector<std::string> notes;
-      const Displacement d = load_displacement(folder / "v.vdb", "", density, scale, 0.0, 1.0, notes);
+      const Displacement d = load_displacement(folder / "v.vdb", "", density, {scale, 0.0, 1.0}, notes);
       EXPECT_TRUE(notes.empty()) << notes[0];
       balls.expect_moved(density, d, scale, tolerance, what + ", scale " + std::to_string(scale));
     }
     std::vector<std::string> notes;
-    balls.expect_moved(density, load_displacement(folder / "v.vdb", "", density, 1.0, -0.5, 0.5, notes), 1.0, tolerance,
-                       what + ", around the frame");
+    balls.expect_moved(density, load_displacement(folder / "v.vdb", "", density, {1.0, -0.5, 0.5}, notes), 1.0,
+                       tolerance, what + ", around the frame");
   };
   for (const MovingBalls* balls : {&one, &two}) {
     const std::string of = balls == &one ? " of one" : " of two";
@@ -167,7 +156,7 @@ TEST(LoadDisplacement, DensityWithoutVelocityStandsStill) {
   write(folder / "v.vdb", {balls.density_grid(), velocity});
   const ScalarField density = load_scalar(folder / "v.vdb", {});
   std::vector<std::string> notes;
-  const Displacement d = load_displacement(folder / "v.vdb", "", density, 1.0, 0.0, 1.0, notes);
+  const Displacement d = load_displacement(folder / "v.vdb", "", density, {1.0, 0.0, 1.0}, notes);
   balls.expect_moved(density, d, 1.0, 0.005, "one stands");
 }
 
@@ -177,7 +166,7 @@ TEST(LoadDisplacement, MadVelocitiesEndWithANote) {
   write(folder / "v.vdb", {ball.density_grid(), ball.velocity_grid()});
   const ScalarField density = load_scalar(folder / "v.vdb", {});
   std::vector<std::string> notes;
-  const Displacement d = load_displacement(folder / "v.vdb", "", density, 1.0, 0.0, 1.0, notes);
+  const Displacement d = load_displacement(folder / "v.vdb", "", density, {1.0, 0.0, 1.0}, notes);
   ASSERT_EQ(notes.size(), 1u);
   EXPECT_TRUE(holds(notes[0], "grid 'vel' moves the density by up to 4e+07 voxels")) << notes[0];
   EXPECT_LT(d.field.bytes() + d.envelope.bytes(), 200e6);
@@ -188,7 +177,7 @@ TEST(LoadDisplacement, MadVelocitiesEndWithANote) {
   write(folder / "s.vdb", {storm.density_grid(), storm.velocity_grid()});
   notes.clear();
   const Displacement wild =
-      load_displacement(folder / "s.vdb", "", load_scalar(folder / "s.vdb", {}), 1.0, -0.5, 0.5, notes);
+      load_displacement(folder / "s.vdb", "", load_scalar(folder / "s.vdb", {}), {1.0, -0.5, 0.5}, notes);
   ASSERT_EQ(notes.size(), 1u);
   EXPECT_TRUE(holds(notes[0], "it is followed for")) << notes[0];
   EXPECT_LT(wild.field.bytes() + wild.envelope.bytes(), 1e9);

@@ -66,8 +66,8 @@ TEST(NanoVdb, IsTheVdbThatItCameFrom) {
     }
     std::vector<std::string> notes;
     const ScalarField density = load_scalar(folder / "a.nvdb", {});
-    const Displacement from_vdb = load_displacement(folder / "a.vdb", "", density, 0.001, 0, 1, notes),
-                       from_nano = load_displacement(folder / "a.nvdb", "", density, 0.001, 0, 1, notes);
+    const Displacement from_vdb = load_displacement(folder / "a.vdb", "", density, {0.001, 0, 1}, notes),
+                       from_nano = load_displacement(folder / "a.nvdb", "", density, {0.001, 0, 1}, notes);
     EXPECT_EQ(from_vdb.field.bytes(), from_nano.field.bytes());
   }
   EXPECT_EQ(read_vdb_contents(folder / "a.nvdb", {}).grids.size(), 3u);
