@@ -212,6 +212,7 @@ MarchedRay& MarchScene::aim(const RayToMarch& aimed, const Lattice& table, March
   }
   place_in_media(to);
   place_at_nodes(to, table);
+  place_beside_lamps(to);
   place_towards_suns(to);
   return to;
 }
@@ -241,15 +242,18 @@ void MarchScene::place_at_nodes(MarchedRay& to, const Lattice& table) const {
   set_place(to.nodes, table.to_lattice(lit_start), (lit_end - lit_start) / table.spacing);
 }
 
+void MarchScene::place_beside_lamps(MarchedRay& to) const {
+  for (const MarchedLight& light : lights) {
+    const dvec3* const lamp = light.sun ? nullptr : base_of(light.light->light()).centre();
+    if (!lamp) continue;
+    const dvec3 off = (*lamp - to.ray.at(to.start)) / steps.length;
+    const double along = glm::dot(off, to.ray.d), squared = std::max(0.0, glm::dot(off, off) - along * along);
+    if (squared < kNearLamp * kNearLamp) to.lamp[to.lamps++] = vec2(along, squared);
+  }
+}
+
 void MarchScene::place_towards_suns(MarchedRay& to) const {
   for (size_t k = 0; k < lights.size(); ++k) {
-    const dvec3* const lamp = lights[k].sun ? nullptr : base_of(lights[k].light->light()).centre();
-    if (lamp) {
-      const dvec3 off = *lamp - ray.at(to.start);
-      const double along = glm::dot(off, ray.d), squared = std::max(0.0, glm::dot(off, off) - along * along);
-      if (squared < kNearLamp * kNearLamp * step * step)
-        to.lamp[to.lamps++] = vec2(along / step, squared / (step * step));
-    }
     if (!lights[k].sun) continue;
     const SunDepth::Line line = lights[k].sun->line(to.ray);
     set_place(to.light[k], line.start + to.start * line.along, steps.length * line.along);

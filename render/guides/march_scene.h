@@ -204,6 +204,7 @@ class MarchScene {
   dvec3 point(const MarchedRay& ray, float t) const { return ray.ray.at(ray.start + steps.length * t); }
   void place_in_media(MarchedRay& to) const;
   void place_at_nodes(MarchedRay& to, const Lattice& table) const;
+  void place_beside_lamps(MarchedRay& to) const;
   void place_towards_suns(MarchedRay& to) const;
   void tabulate_phases();
   /// Phase function, octaves and forward peak. @param spread  mean cosine of the light's directions around their mean
