@@ -4,6 +4,8 @@
 #include <ImfStandardAttributes.h>
 #include <gtest/gtest.h>
 
+#include <nlohmann/json.hpp>
+
 #include "image/exr_io.h"
 #include "tests/support/exr_files.h"
 #include "tests/support/files.h"

@@ -10,6 +10,7 @@
 #include "render/session/renderer.h"
 #include "render/transport/camera_layers.h"
 #include "render/transport/lane_scene.h"
+#include "render/transport/wavefront.h"
 #include "render/world/camera.h"
 #include "tests/support/volumes.h"
 

@@ -12,6 +12,7 @@
 #include "tests/support/files.h"
 #include "tests/support/random_scene.h"
 #include "tests/support/reference_frame.h"
+#include "tests/support/targets.h"
 #include "tests/support/volumes.h"
 #include "volume/tracking.h"
 

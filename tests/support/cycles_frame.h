@@ -5,7 +5,7 @@
 #include <bit>
 #include <string>
 
-#include "image/picture_io.h"
+#include "image/exr_copy.h"
 #include "tests/support/foreign_frames.h"
 
 namespace brume::test {
@@ -53,5 +53,6 @@ inline void expect_sum(const std::string& path, bool half) {
         differing += std::bit_cast<uint32_t>(sum(x, y)) != std::bit_cast<uint32_t>(pass("Combined")(x, y));
     EXPECT_EQ(differing, 0u) << c;
   }
+}
 
 }  // namespace brume::test
