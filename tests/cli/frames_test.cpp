@@ -14,6 +14,7 @@
 #include "image/exr_copy.h"
 #include "image/exr_io.h"
 #include "image/pfm_io.h"
+#include "image/picture_io.h"
 #include "tests/support/cycles_frame.h"
 #include "tests/support/exr_files.h"
 #include "tests/support/files.h"
