@@ -63,6 +63,9 @@ struct StepWeights {
 };
 
 /// As many rays as there are lanes, from where they enter the media to where they end.
+/// Members that call scalar code are inlined: in functions of their own GCC 12 left the upper halves of vector
+/// registers full before such calls, which made that code three times as slow (MarchScene::add_scattered: a tenth of
+/// the guides).
 class RayMarch {
  public:
   RayMarch(const MarchScene& scene, const MarchedFields& fields, MarchBatch& batch)
@@ -95,17 +98,17 @@ class RayMarch {
     return peaks_.load() + 0.5f * (step.thickness * (1.0f - scale));
   }
   HWY_INLINE void add_to_segment(const Step& step, const StepWeights& weights);
-  void keep_for_deep_picture(const Step& step, V w) const;
-  void add_emission(const Step& step, const StepWeights& weights) const;
+  HWY_INLINE void keep_for_deep_picture(const Step& step, V w) const;
+  HWY_INLINE void add_emission(const Step& step, const StepWeights& weights) const;
   HWY_INLINE void add_to_layers(const Step& step, V w);
   HWY_INLINE V of_no_holdout(const Step& step, V v) const { return scene_.holdouts ? v * step.media.seen : v; }
   // The light of a segment.
   void add_light(M mask);
   HWY_INLINE void add_sharp_light(size_t light, M mask);
-  void update_terms(size_t light, V distance, V depth, M mask);
+  HWY_INLINE void update_terms(size_t light, V distance, V depth, M mask);
   void add_fields(M mask);
-  void add_weighted_fields(GuideSums& sums, const float* at, float albedo, size_t lane) const;
-  void add_coloured_light(MarchedRay& ray, const float* at, float albedo, size_t lane);
+  HWY_INLINE void add_weighted_fields(GuideSums& sums, const float* at, float albedo, size_t lane) const;
+  HWY_INLINE void add_coloured_light(MarchedRay& ray, const float* at, float albedo, size_t lane);
   HWY_INLINE V3 place_at_nodes(M mask, V t) const;
 
   const MarchScene& scene_;
@@ -320,7 +323,7 @@ HWY_INLINE void RayMarch::add_to_segment(const Step& step, const StepWeights& we
 }
 
 /// What holdouts take covers nothing, so it counts as left.
-void RayMarch::keep_for_deep_picture(const Step& step, V w) const {
+HWY_INLINE void RayMarch::keep_for_deep_picture(const Step& step, V w) const {
   Lane begin, end, taken, left;
   begin.store(step.begin);
   end.store(step.next);
@@ -331,7 +334,7 @@ void RayMarch::keep_for_deep_picture(const Step& step, V w) const {
   });
 }
 
-void RayMarch::add_emission(const Step& step, const StepWeights& weights) const {
+HWY_INLINE void RayMarch::add_emission(const Step& step, const StepWeights& weights) const {
   Lane straight, by_peaks, before;
   const V inverse = 1.0f / hn::Max(step.media.extinction, set(1e-37f));
   straight.store(hn::IfThenElse(step.dense, weights.w[0] * inverse, transmittance_[0].load() * step.length));
@@ -391,7 +394,7 @@ HWY_INLINE void RayMarch::add_sharp_light(size_t k, M mask) {
 }
 
 /// Terms of a light that are not the same all along a ray, where the segments are.
-void RayMarch::update_terms(size_t k, V distance, V depth, M mask) {
+HWY_INLINE void RayMarch::update_terms(size_t k, V distance, V depth, M mask) {
   LightLanes& light = light_[k];
   Lane g, depths, entry;
   g.store(light_segment_.g.load() * light_segment_.inverse_thickness());
@@ -455,7 +458,7 @@ void RayMarch::add_fields(M mask) {
 }
 
 /// What of the fields has other weights than w and scaled.
-void RayMarch::add_weighted_fields(GuideSums& sums, const float* at, float albedo, size_t lane) const {
+HWY_INLINE void RayMarch::add_weighted_fields(GuideSums& sums, const float* at, float albedo, size_t lane) const {
   const Segment& s = node_segment_;
   for (size_t g = 0; fields_.groups && g < fields_.groups->size(); ++g) {
     const NodeFields::Slots& slots = (*fields_.groups)[g];
@@ -469,7 +472,7 @@ void RayMarch::add_weighted_fields(GuideSums& sums, const float* at, float albed
 }
 
 /// All light of a segment at once, in colour: where media have unlike tints, and for deep pictures.
-void RayMarch::add_coloured_light(MarchedRay& ray, const float* at, float albedo, size_t lane) {
+HWY_INLINE void RayMarch::add_coloured_light(MarchedRay& ray, const float* at, float albedo, size_t lane) {
   const Segment& s = node_segment_;
   for (size_t k = 0; k < scene_.lights.size(); ++k) {
     ray.terms[k].single = std::exchange(light_[k].recent_single[lane], 0.0f);
