@@ -174,7 +174,7 @@ void limit_variance(Rgb& variance, const RgbPlanes& picture, const Task& task) {
   for (size_t c = 0; c < 3; ++c) {
     for_each_pixel(width, height, quiet(task), [&](int x, int y) {
       float& v = variance[c](x, y);
-      v += excess(x, y) * (seen[c](x, y) * share(x, y) - v);
+      v = (1 - excess(x, y)) * v + excess(x, y) * (seen[c](x, y) * share(x, y));
     });
     lift_variance(variance[c], *picture[c], task);
   }

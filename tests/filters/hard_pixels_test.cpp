@@ -302,22 +302,22 @@ TEST(BrightPixels, DoNotReachTheFramesBeforeAndAfter) {
 TEST(SampleCounts, EachPixelsOwnDecides) {
   const auto frame_with = [](const test::Value& count) {
     const test::Value ramp = [](int x, int y, size_t) { return 0.5f + 0.002f * static_cast<float>(x + 2 * y); };
-    Layers frame = sampled_frame(130, 24, 16, 0.5, 4, ramp);
+    Layers frame = sampled_frame(200, 24, 16, 0.5, 4, ramp);
     put(frame, layer::sample_count, "", count);
     put(frame, layer::transmittance, statistic::mean_variance, [](int, int, size_t) { return 4e-3f; });
     return frame;
   };
   const Layers few = frame_with([](int, int, size_t) { return 4.0f; }),
                many = frame_with([](int, int, size_t) { return 64.0f; }),
-               mixed = frame_with([](int x, int, size_t) { return x < 65 ? 4.0f : 64.0f; });
+               mixed = frame_with([](int x, int, size_t) { return x < 100 ? 4.0f : 64.0f; });
   for (const std::string name : {"virtual_flash", "sbf:scale=0.5"}) {
     const FilterSettings f = parse_filter(name);
     const Layers a = apply_filter(f, few, {}, {}), b = apply_filter(f, many, {}, {}),
                  c = apply_filter(f, mixed, {}, {});
     const int reach = f.apron() + kNoiseReach;
-    ASSERT_LT(reach, 60) << name;
-    EXPECT_EQ(largest_difference(c, a, [&](int x, int) { return x < 65 - reach; }), 0) << name;
-    EXPECT_EQ(largest_difference(c, b, [&](int x, int) { return x >= 65 + reach; }), 0) << name;
+    ASSERT_LT(reach, 95) << name;
+    EXPECT_EQ(largest_difference(c, a, [&](int x, int) { return x < 100 - reach; }), 0) << name;
+    EXPECT_EQ(largest_difference(c, b, [&](int x, int) { return x >= 100 + reach; }), 0) << name;
     EXPECT_GT(largest_difference(a, b, [](int, int) { return true; }), 1e-4) << name << " does not read the counts";
   }
 }
