@@ -181,7 +181,7 @@ void add_compare(CLI::App& app, Common& common, Commands& commands) {
   command("--json", common.json, "as one JSON object");
   command(
       "--frames", o.frames,
-      "compare these frames of sequences, whose names have ####, $F4 or %04d, unless given all that are there: the error of each, and how much the picture flickers beyond its reference");
+      "compare these frames of sequences, whose names have ####, $F4 or %04d; without this option all frames of such a name that are there: the error of each, and how much the picture flickers beyond its reference");
   command(
       "--contact-sheet", o.contact_sheet,
       "of a sequence: a PNG of up to twelve frames side by side, with their errors and how wrongly they change in false colour");

@@ -137,7 +137,7 @@ void add_denoise(CLI::App& app, Common& common, Commands& commands) {
       ->check(CLI::Range(0, 100));
   command(
       "--frames", o.frames,
-      "clean these: 7, 1-240, 1-240x2, or several with commas between; names with ####, $F4 or %04d stand for the files of each, and without this option for all that are there. A frame that fails is named, and the others go on");
+      "clean these: 7, 1-240, 1-240x2, or several with commas between; names with ####, $F4 or %04d stand for the files of each. Without this option all frames of such a name that are there are cleaned. A frame that fails is named, and the others go on");
   command("--resume", o.denoise.resume, "with --frames: leave out those that are there, whole, made from the same");
   command("--video", o.video, "with --frames and --png: also a film of the PNGs, where ffmpeg is there");
   command("--frame-rate", o.frame_rate, "of the film [1/s]")->check(CLI::Range(1.0, 1000.0))->capture_default_str();
