@@ -2,7 +2,9 @@
 
 #include <fmt/format.h>
 
+#include <algorithm>
 #include <cctype>
+#include <map>
 
 #include "base/error.h"
 #include "base/text.h"
@@ -14,13 +16,34 @@ bool is_long_option(const std::string& word) {
   return word.starts_with("--") && word.size() > 2;
 }
 
+// What other programs call options of ours.
+const std::map<std::string, std::vector<std::string>, std::less<>> kNamesElsewhere = {
+    {"spp", {"samples", "sample-count", "num-samples", "paths"}},
+    {"size", {"resolution", "width", "height", "dimensions"}},
+    {"clean", {"denoise", "denoiser"}},
+    {"output", {"out", "output-file"}},
+    {"threads", {"num-threads", "nthreads", "cores", "jobs"}},
+    {"crop", {"region", "border", "cropwindow", "window"}},
+    {"layers", {"aovs", "passes", "channels"}},
+    {"quiet", {"silent"}}};
+
+/// The option of that meaning, "" where there is none.
+std::string option_called_elsewhere(std::string_view name, const std::vector<std::string>& options) {
+  for (const auto& [own, others] : kNamesElsewhere)
+    if (std::find(others.begin(), others.end(), name) != others.end() &&
+        std::find(options.begin(), options.end(), own) != options.end())
+      return own;
+  return {};
+}
+
 /// "render has no option '--ssp'; did you mean '--spp'?"
 /// @param word  as typed, with its dashes and perhaps "=value"
 std::string no_option(const CLI::App& verb, const std::string& word) {
   std::vector<std::string> options;
   for (const CLI::Option* option : verb.get_options())
     for (const std::string& name : option->get_lnames()) options.push_back(name);
-  const std::string name = word.substr(2, word.find('=') - 2), nearest = nearest_name(name, options);
+  const std::string name = word.substr(2, word.find('=') - 2), same = option_called_elsewhere(name, options),
+                    nearest = same.empty() ? nearest_name(name, options) : same;
   return fmt::format("{} has no option '--{}'{}", verb.get_name(), name,
                      nearest.empty() ? "" : fmt::format("; did you mean '--{}'?", nearest));
 }

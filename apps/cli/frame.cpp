@@ -3,7 +3,10 @@
 #include <fmt/format.h>
 
 #include <cmath>
+#include <cstdio>
 #include <cstdlib>
+
+#include "base/error.h"
 
 namespace brume::app {
 
@@ -17,6 +20,17 @@ CLI::Validator exposure_validator() {
                : fmt::format("'{}': expected header, auto or a number above 0", text);
   };
   return CLI::Validator(check, "");
+}
+
+void add_size_option(const Verb& command, std::vector<std::string>& overrides) {
+  const auto set = [&overrides](const std::string& text) {
+    int width = 0, height = 0, used = 0;
+    if (std::sscanf(text.c_str(), "%dx%d%n", &width, &height, &used) != 2 || static_cast<size_t>(used) != text.size())
+      throw InputError(fmt::format("--size {}: expected WIDTHxHEIGHT [px], for example 1920x1080", text));
+    overrides.push_back(fmt::format("film.width={}", width));
+    overrides.push_back(fmt::format("film.height={}", height));
+  };
+  command->add_option_function<std::string>("--size", set, "pixels of the picture instead of the scene's: 1920x1080");
 }
 
 void add_picture_options(const Verb& command, PictureOptions& options, const std::string& exposure_help) {

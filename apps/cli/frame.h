@@ -1,5 +1,6 @@
 #pragma once
 #include <string>
+#include <vector>
 
 #include "apps/cli/command.h"
 #include "workflows/frame.h"
@@ -8,6 +9,9 @@ namespace brume::app {
 
 /// Accepts "header", "auto" or a number above 0.
 CLI::Validator exposure_validator();
+
+/// --size WIDTHxHEIGHT, which sets two keys of the scene. After -D, whose values replace all that is in `overrides`.
+void add_size_option(const Verb& command, std::vector<std::string>& overrides);
 
 /// --ocio and what belongs to it. @param shown  what is shown, "the PNG is shown"
 void add_display_options(const Verb& command, PictureOptions& options, const std::string& shown);

@@ -142,6 +142,7 @@ void add_render(CLI::App& app, Common& common, Commands& commands) {
   command("--spp", o.spp, "paths per pixel instead of the scene's")->check(CLI::Range(1, 1 << 24));
   command("--seed", o.seed, "seed instead of the scene's")->check(CLI::NonNegativeNumber);
   command("-D", r.overrides, "set a key of the scene: -D camera.fov=30")->allow_extra_args(false);
+  add_size_option(command, r.overrides);
   command(
       "--layers", o.layers,
       "layers to record, none, or all; guides, depths, light_parts and cryptomatte are several; with --clean direct,indirect unless given")

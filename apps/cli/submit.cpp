@@ -7,6 +7,7 @@
 #include <optional>
 
 #include "apps/cli/command.h"
+#include "apps/cli/frame.h"
 #include "base/error.h"
 #include "base/output_file.h"
 #include "base/sequence.h"
@@ -315,6 +316,7 @@ void add_submit(CLI::App& app, Common& common, Commands& commands) {
   command("--spp", o.spp, "paths per pixel instead of the scene's")->check(CLI::Range(1, 1 << 24));
   command("--seed", o.seed, "seed instead of the scene's")->check(CLI::NonNegativeNumber);
   command("-D", o.overrides, "set a key of the scene: -D camera.fov=30")->allow_extra_args(false);
+  add_size_option(command, o.overrides);
   command("--layers", o.layers, "layers to record; with --clean direct,indirect unless given")->capture_default_str();
   command("--buckets", o.buckets, "record eight bucket means of each layer too");
   command("--keep-parts", o.keep_parts, "keep the parts after they are merged");

@@ -78,7 +78,7 @@ std::vector<ForeignFrame> arnold(const Channels& file, const ExrInfo& info);
 std::vector<ForeignFrame> brume_frame(const Channels& file, const ExrInfo& info);
 /// Anything else with a colour and layers of common names.
 std::vector<ForeignFrame> common(const Channels& file, const ExrInfo& info);
-/// Of a file whose parts have names that say nothing: the only one whose colours have no other role.
-std::vector<ForeignFrame> only_unnamed_part(const Channels& file, const ExrInfo& info);
+/// A medium's pass alone; else, of parts whose names say nothing, the only one whose colours have no other role.
+std::vector<ForeignFrame> only_colours(const Channels& file, const ExrInfo& info);
 
 }  // namespace brume::recognition

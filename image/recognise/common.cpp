@@ -1,5 +1,7 @@
 #include <fmt/format.h>
 
+#include <array>
+
 #include "base/text.h"
 #include "image/recognise/channels.h"
 
@@ -41,6 +43,8 @@ const std::set<std::string> kAlbedo = {"albedo", "alb", "diffusealbedo", "denois
 const std::set<std::string> kOtherAlbedo = {"diffusefilter", "basecolor", "diffcol", "diffusecolor"};
 const std::set<std::string> kNormal = {"normal", "normals", "n", "nrm", "nn", "shnormal", "denoisingnormal"};
 const std::set<std::string> kDepth = {"depth", "z", "zdepth", "distance"};
+// What a name of a medium's pass holds: VolumeLighting (Redshift), VRayAtmosphere, volume_direct (Arnold).
+constexpr std::array kMedia = {"vol", "atmos", "fog", "smoke", "fire", "cloud", "medium", "media"};
 const std::set<std::string> kVariance = {"variance", "rgbavariance", "colorvariance"};
 
 /// How a layer is told to a user.
@@ -144,21 +148,26 @@ std::vector<ForeignFrame> common(const Channels& file, const ExrInfo& info) {
   return found;
 }
 
-std::vector<ForeignFrame> only_unnamed_part(const Channels& file, const ExrInfo& info) {
-  std::vector<std::string> candidates;
+std::vector<ForeignFrame> only_colours(const Channels& file, const ExrInfo& info) {
+  std::vector<std::string> candidates, of_media;
   for (const std::string& layer : file.layers("")) {
     const std::string name = plain(layer);
     const bool other = kAlbedo.contains(name) || kOtherAlbedo.contains(name) || kNormal.contains(name) ||
                        kDepth.contains(name) || kVariance.contains(name) || name.find("crypto") != std::string::npos ||
                        name.find("normal") != std::string::npos || name.find("position") != std::string::npos ||
                        name.find("motion") != std::string::npos || name == "p" || name == "uv" || name == "st";
-    if (!other && file.colour(layer + ".")) candidates.push_back(layer);
+    if (other || !file.colour(layer + ".")) continue;
+    candidates.push_back(layer);
+    if (std::any_of(kMedia.begin(), kMedia.end(),
+                    [&](const char* word) { return name.find(word) != std::string::npos; }))
+      of_media.push_back(layer);
   }
+  if (of_media.size() == 1 || info.parts.size() < 2) candidates = of_media;
   if (candidates.size() != 1) return {};
   ForeignFrame p = picture_of_colours(file, info, candidates[0] + ".", false);
   p.remarks.push_back(
-      fmt::format("{} is taken for the picture: of the parts it is the only one of colours whose name "
-                  "says nothing else; --map names another (docs/frames.md)",
+      fmt::format("{} is taken for the picture: it is the only layer of colours that could be one; "
+                  "--map names another (docs/frames.md)",
                   p.color.name));
   return {p};
 }

@@ -62,7 +62,7 @@ std::vector<ForeignFrame> recognise(const ExrInfo& file) {
     }
   };
   add([&](const Channels& c) { return recognise_view(c, file, one && file.parts.size() < 2); });
-  if (all.empty() && file.parts.size() > 1) add([&](const Channels& c) { return only_unnamed_part(c, file); });
+  if (all.empty()) add([&](const Channels& c) { return only_colours(c, file); });
   return all;
 }
 

@@ -245,6 +245,20 @@ TEST_F(Defaults, PartsOfUnlikeScenesNameTheKeyThatDiffers) {
   EXPECT_TRUE(holds(resumed, "camera.fov is 26.5 in the first, 33 in the second")) << resumed;
 }
 
+TEST_F(Defaults, TheSizeOfAPictureIsOneOption) {
+  const auto size = [&](const std::string& options) {
+    const auto r = run_brume("render " + kScene + " --spp 1 -q --layers none " + options + " -o " + path("sized.exr"));
+    EXPECT_EQ(r.status, 0) << r.err;
+    const Layers frame = read_exr(path("sized.exr"));
+    return ivec2(frame.width(), frame.height());
+  };
+  EXPECT_EQ(size("--size 20x12"), ivec2(20, 12));
+  EXPECT_EQ(size("--size 20x12 -D film.width=8 -D camera.fov=20"), ivec2(20, 12));
+  const auto none = run_brume("render " + kScene + " --size 0x12 -o " + path("none.exr"));
+  EXPECT_EQ(none.status, 2);
+  EXPECT_TRUE(holds(none.err, "film.width=0")) << none.err;
+}
+
 TEST_F(Defaults, AMissingFileNamesItsKey) {
   const std::string said = refused("render " + kScene + " -D environment.file=auto -o " + path("o.exr"));
   EXPECT_TRUE(holds(said, "'file' of [environment] is ")) << said;

@@ -152,6 +152,19 @@ TEST(Output, AnUnknownOptionNamesOneThatBeginsSo) {
   EXPECT_TRUE(holds(run_brume("denoise a -f nl_means --quie").err, "did you mean '--quiet'?"));
 }
 
+TEST(Output, AnOptionOfOtherProgramsNamesOurs) {
+  for (const auto& [words, expected] : {std::pair("render a.vdb --samples 4", "did you mean '--spp'?"),
+                                        {"render a.vdb --resolution=64x48", "did you mean '--size'?"},
+                                        {"render a.vdb --denoise", "did you mean '--clean'?"},
+                                        {"submit slurm a.toml --width 64", "did you mean '--size'?"},
+                                        {"render a.vdb --size 64", "--size 64: expected WIDTHxHEIGHT"},
+                                        {"render a.vdb --size 64x48px", "--size 64x48px: expected WIDTHxHEIGHT"}}) {
+    const test::ProgramResult r = run_brume(words);
+    EXPECT_EQ(r.status, 2) << words;
+    EXPECT_TRUE(holds(r.err, expected)) << r.err;
+  }
+}
+
 TEST(Output, FiltersAreATableAndEachHasItsDetails) {
   const std::string table = run_brume("filters").out, details = run_brume("filters --all").out;
   std::istringstream names(run_brume("filters --json").out);

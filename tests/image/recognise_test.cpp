@@ -266,6 +266,21 @@ TEST(Recognise, ColoursWithLayersOfCommonNames) {
   EXPECT_EQ(only(file_of({"Y", "RY", "BY"})).target, (ChannelTriple{"R", "G", "B"})) << "as read_exr gives them";
 }
 
+// As renderers write each pass into a file of its own (Redshift, V-Ray).
+TEST(Recognise, APassOfAMediumAloneIsThePicture) {
+  for (const std::string name : {"VolumeLighting", "Volume Lighting", "VRayAtmosphere", "fire_emission"}) {
+    const ForeignFrame p = only(file_of(layers_of({{name, "RGBA"}, {"Normals", "XYZ"}, {"shadow", "RGB"}})));
+    EXPECT_EQ(p.target[0], name + ".R");
+    EXPECT_EQ(p.alpha, name + ".A");
+    EXPECT_EQ(feature(p, layer::normal), "Normals.X");
+    ASSERT_FALSE(p.remarks.empty());
+    EXPECT_TRUE(p.remarks[0].starts_with(name + " is taken for the picture")) << p.remarks[0];
+  }
+  EXPECT_TRUE(recognise(file_of(layers_of({{"VolumeLighting", "RGB"}, {"VolumeFog", "RGB"}}))).empty());
+  EXPECT_TRUE(recognise(file_of(layers_of({{"VolumeNormals", "RGB"}, {"Depth", "Z"}}))).empty());
+  EXPECT_EQ(only(parts_of({{"shadow", "", kRgb}, {"VolumeFog", "", kRgb}})).target[0], "VolumeFog.R");
+}
+
 TEST(Recognise, BothEyesAreCleaned) {
   const auto pictures = recognise(
       file_of(layers_of({{"left", "RGBA"}, {"right", "RGBA"}, {"left.albedo", "RGB"}, {"right.albedo", "RGB"}})));
