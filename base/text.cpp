@@ -25,14 +25,15 @@ size_t edit_distance(std::string_view a, std::string_view b) {
 }  // namespace
 
 std::string nearest_name(std::string_view word, std::span<const std::string> candidates) {
+  const std::string small = lower(std::string(word));
   std::string nearest;
   if (word.size() >= 3)
     for (const std::string& candidate : candidates)
-      if (candidate.starts_with(word) && (nearest.empty() || candidate.size() < nearest.size())) nearest = candidate;
+      if (lower(candidate).starts_with(small) && (nearest.empty() || candidate.size() < nearest.size())) nearest = candidate;
   if (!nearest.empty()) return nearest;
   size_t best = std::max<size_t>(2, word.size() / 3) + 1;
   for (const std::string& candidate : candidates)
-    if (const size_t distance = edit_distance(word, candidate); distance < best) {
+    if (const size_t distance = edit_distance(small, lower(candidate)); distance < best) {
       best = distance;
       nearest = candidate;
     }

@@ -7,7 +7,7 @@
 namespace brume {
 
 /// The shortest candidate that `word` (three letters or more) is the beginning of, else the one that is fewest edits
-/// away; empty when none is close enough to be meant.
+/// away, both without case; empty when none is close enough to be meant.
 std::string nearest_name(std::string_view word, std::span<const std::string> candidates);
 
 /// "; did you mean X? Known: A, B, C", for the end of an error message.

@@ -128,6 +128,8 @@ class FilterWords {
 }  // namespace
 
 std::vector<std::string> arrange(const CLI::App& app, const std::vector<std::string>& words) {
+  if (!words.empty() && words[0] == "help")  // help render: render --help
+    return words.size() < 2 ? std::vector<std::string>{"--help"} : std::vector<std::string>{words[1], "--help"};
   const std::vector<const CLI::App*> verbs =
       app.get_subcommands([&](const CLI::App* verb) { return !words.empty() && verb->get_name() == words[0]; });
   if (verbs.empty()) return words;

@@ -22,6 +22,8 @@ TEST(NearestName, FindsWhatWasMeant) {
   const std::vector<std::string> known = {"position", "look_at", "fov"};
   EXPECT_EQ(nearest_name("postion", known), "position");
   EXPECT_EQ(nearest_name("lookat", known), "look_at");
+  EXPECT_EQ(nearest_name("POSITION", known), "position");
+  EXPECT_EQ(nearest_name("Look", known), "look_at");
   EXPECT_EQ(nearest_name("temperature", known), "");
   const std::vector<std::string> options = {"json", "second-reference", "seconds", "seeds"};
   EXPECT_EQ(nearest_name("second", options), "seconds") << "the shortest that begins so";

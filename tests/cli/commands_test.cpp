@@ -27,6 +27,8 @@ const std::string kSmall = " -D film.width=32 -D film.height=24 --spp 4 -q";
 
 TEST(Commands, HelpAndVersion) {
   EXPECT_EQ(run_brume("--help").status, 0);
+  EXPECT_EQ(run_brume("help").out, run_brume("--help").out);
+  EXPECT_EQ(run_brume("help denoise").out, run_brume("denoise --help").out);
   EXPECT_TRUE(run_brume("--version").out.starts_with("brume 0."));
   for (const char* verb : {"info", "generate", "halve", "render", "merge", "denoise", "compare", "evaluate", "filters",
                            "docs", "picture", "submit"}) {
