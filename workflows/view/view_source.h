@@ -12,8 +12,8 @@ namespace brume {
 
 struct ViewOptions {
   std::filesystem::path scene;  ///< scene, OpenVDB file, or frame (is_frame_file); a pattern where there are frames
-  std::vector<int> frames;
-  std::vector<std::string> overrides;
+  std::vector<int> frames = {};
+  std::vector<std::string> overrides = {};
   std::string clean_filter = "transport_regression";
   std::filesystem::path map = {};  ///< of frames of other renderers (workflows/open_frame.h); empty: recognised
 };

@@ -122,6 +122,10 @@ void ViewedFrame::list_picture() {
     notes_.push_back("there is no picture in it that is known as one (--map names it): its layers are shown");
   else
     list({.told = {kViewedPicture, "picture", 3, "", kRadianceUnit}, .channels = picture, .light = true});
+  if (!foreign_ && has("noisy.R") && has("noisy.G") && has("noisy.B"))
+    list({.told = {"noisy", "noisy", 3, "", kRadianceUnit},
+          .channels = {"noisy.R", "noisy.G", "noisy.B"},
+          .light = true});
   if (has(alpha)) list({.told = {kViewedAlpha, "alpha", 1, "", "1"}, .channels = {alpha}});
   const PixelWindow shown = info.display;
   notes_.push_back(fmt::format("{}: {} x {} pixels", file_.path().filename().string(), shown.width(), shown.height()));
