@@ -40,6 +40,7 @@ struct ForeignSignal {
   std::optional<std::array<ChannelTriple, 2>> halves = {};
   std::optional<ChannelTriple> factor = {};  ///< what it is multiplied by before passes are added
   bool indirect = false;                     ///< light scattered more than once
+  std::string group = {};                    ///< of a light: its light group
 };
 
 /// A layer that tells edges from noise.

@@ -139,7 +139,9 @@ void add_depths(const DeepRecord& record, const Scene& scene, Layers& frame) {
     for (int x = 0; x < frame.width(); ++x) {
       const Ray ray = camera.ray(dvec2(corner + ivec2(x, y)) + 0.5, dvec2(0.5), 0);
       const double per_depth = 1 / (camera.depth(ray.o + ray.d, 0) - camera.depth(ray.o, 0));
-      const std::vector<DeepPart> parts = record.parts({x, y});
+      std::vector<DeepPart> parts = record.parts({x, y});
+      // Light from infinitely far covers nothing: what its rounding says would outweigh all depths.
+      if (!parts.empty() && parts.back().z >= kDeepBackground) parts.pop_back();
       const double covered = parts.empty() ? 0 : 1 - static_cast<double>(parts.back().left);
       mean(x, y) = half(x, y) = first(x, y) = kDeepBackground;
       mist(x, y) = 1;

@@ -197,7 +197,8 @@ ForeignFrame picture_of(const toml::value& root, const ExrInfo& file) {
       fail_at("'lights' is no list", lights, "expected layers of light groups: [\"key\", \"rim\"]");
     for (const toml::value& entry : lights.as_array()) {
       const ChannelTriple channels = table.triple_of("lights", entry);
-      picture.lights.push_back({.name = channels[0].substr(0, channels[0].rfind('.')), .channels = channels});
+      const std::string name = channels[0].substr(0, channels[0].rfind('.'));
+      picture.lights.push_back({.name = name, .channels = channels, .group = name});
     }
   }
   table.reject_unknown();

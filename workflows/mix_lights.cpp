@@ -35,11 +35,6 @@ std::string_view layer_of(std::string_view channel) {
   return of_beauty ? "beauty" : channel;
 }
 
-bool is_light(std::string_view channel) {
-  const std::string_view layer = layer_of(channel);
-  return is_guide(channel) || std::find(std::begin(kLight), std::end(kLight), layer) != std::end(kLight);
-}
-
 /// The group of a channel of its light; empty for another.
 std::string group_of(std::string_view channel) {
   if (channel.starts_with("clean_")) channel.remove_prefix(6);
@@ -90,6 +85,11 @@ void check_light_groups(const LightMix& mix, const std::vector<std::string>& gro
   }
 }
 
+bool is_light_of_all_groups(std::string_view channel) {
+  const std::string_view layer = layer_of(channel);
+  return is_guide(channel) || std::find(std::begin(kLight), std::end(kLight), layer) != std::end(kLight);
+}
+
 std::string text_of_mix(const LightMix& mix) {
   std::vector<std::string> said;
   for (const auto& [group, factor] : mix)
@@ -105,7 +105,7 @@ Layers mix_lights(const Layers& frame, const LightMix& mix) {
   for (const auto& [name, plane] : frame.channels()) {
     const std::string group = group_of(name);
     if (group.empty()) {
-      if (!is_light(name)) mixed.set(name, plane);
+      if (!is_light_of_all_groups(name)) mixed.set(name, plane);
       continue;
     }
     const size_t colour = std::string_view("RGB").find(name.back());

@@ -2,6 +2,7 @@
 #include <filesystem>
 #include <map>
 #include <string>
+#include <string_view>
 #include <vector>
 
 #include "base/vec.h"
@@ -18,6 +19,9 @@ void add_to_mix(LightMix& mix, const std::string& assignment);
 
 /// @param of  who has the groups, for the message   @throws InputError for a group that is none of them
 void check_light_groups(const LightMix& mix, const std::vector<std::string>& groups, const std::string& of);
+
+/// Whether a channel holds light of all groups together, which no mix of them can tell.
+bool is_light_of_all_groups(std::string_view channel);
 
 /// "key = 2, 2, 2; rim = 0, 0, 0"
 std::string text_of_mix(const LightMix& mix);

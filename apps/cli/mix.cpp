@@ -8,14 +8,14 @@
 #include "image/exr_io.h"
 #include "render/scene/scene_io.h"
 #include "render/scene/scene_outline.h"
-#include "workflows/frame.h"
-#include "workflows/mix_lights.h"
+#include "workflows/frame_lights.h"
+#include "workflows/mix_text.h"
 
 namespace brume::app {
 namespace {
 
 struct Options {
-  std::string frame, gain, output, preview, scene, save_scene;
+  std::string frame, gain, mix, map, output, preview, scene, save_scene;
   std::vector<std::string> colours;
   PictureOptions picture;
 };
@@ -31,7 +31,7 @@ void save_scene(const Options& o, const LightMix& mix) {
 int run(const Options& o, const Common& common) {
   if (o.scene.empty() != o.save_scene.empty())
     throw InputError("--scene and --save-scene belong together: the scene that was rendered, and where its mix goes");
-  LightMix mix;
+  LightMix mix = o.mix.empty() ? LightMix() : read_mix(o.mix);
   for (const std::string& gain : o.gain.empty() ? std::vector<std::string>{} : split(o.gain, ','))
     add_to_mix(mix, gain);
   for (const std::string& colour : o.colours) add_to_mix(mix, colour);
@@ -39,10 +39,10 @@ int run(const Options& o, const Common& common) {
   check_writable(o.output, inputs, ".exr");
   if (!o.preview.empty()) o.picture.check();
   const Host host = make_host(common);
-  const Layers frame = read_frame(ExrFile(o.frame), host);
+  const ExrFile file(o.frame);
   Layers mixed;
   try {
-    mixed = mix_lights(frame, mix);
+    mixed = mixed_frame(file, o.map, mix, host);
   } catch (const InputError& error) {
     throw InputError(o.frame + ": " + error.what());
   }
@@ -59,9 +59,12 @@ void add_mix(CLI::App& app, Common& common, Commands& commands) {
   const auto options = std::make_shared<Options>();
   Options& o = *options;
   const Verb command = add_command(app, common, "mix", "other lights in a frame with light groups, without rendering");
-  command("frame", o.frame, "EXR with layers light.GROUP, clean or not")->required();
+  command("frame", o.frame, "EXR with layers light.GROUP, clean or not, or with the light groups of another renderer")
+      ->required();
   command("--gain", o.gain, "brightness of groups: key=2,rim=0");
   command("--colour,--color", o.colours, "colours that groups are multiplied by: fill=1,.8,.6 rim=.5,.5,1");
+  command("--mix", o.mix, "TOML with a table [mix], as brume view saves it; --gain and --colour multiply what it says");
+  command("--map", o.map, "TOML file that says which layer of another renderer's frame plays which part");
   command("-o,--output", o.output, "EXR to write")->required();
   command("--png", o.preview, "a PNG of it, too");
   add_picture_options(command, o.picture,

@@ -56,14 +56,18 @@ void add_view(CLI::App& app, Common& common, Commands& commands) {
   const auto options = std::make_shared<Options>();
   Options& o = *options;
   const Verb command = add_command(
-      app, common, "view", "look at a volume or a scene in a browser: turn it, light it, edit it, and see it clean");
-  command("scene", o.view.scene, "scene file (TOML), or an OpenVDB file")->required();
+      app, common, "view",
+      "look at a volume or a scene in a browser: turn it, light it, edit it, and see it clean; or at frames: their layers, and their lights mixed");
+  command("scene", o.view.scene, "scene file (TOML), an OpenVDB file, or a frame (EXR) with layers, of any program")
+      ->required();
   command(
       "--frames", o.frames,
       "a time line of these: 1-48, 1-240x2, or several with commas between; names with ####, $F4 or %04d become each frame's, also the scene's and those in it. Of a scene whose name has such a place all that are there, unless said");
   command("-D", o.view.overrides, "set a key of the scene: -D camera.fov=30")->allow_extra_args(false);
   command("--clean-filter", o.view.clean_filter, "clean with this filter: NAME or NAME:parameter=value,...")
       ->capture_default_str();
+  command("--map", o.view.map,
+          "of frames: TOML file that says which layer of another renderer's frame plays which part");
   add_display_options(command, o.picture, "the page shows pictures");
   command("--host", o.server.host,
           "address to listen on; any but the loopback lets others look who learn the page's address")

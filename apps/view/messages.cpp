@@ -173,6 +173,7 @@ std::string text_of(const ViewSceneText& scene) {
                   {"notes", scene.notes},
                   {"left_out", scene.left_out},
                   {"groups", tables}};
+  if (scene.of_frames) message["of"] = "frames";
   if (!scene.light_groups.empty()) message["light_groups"] = scene.light_groups;
   return dumped(message);
 }

@@ -4,7 +4,7 @@
 #include <string_view>
 #include <variant>
 
-#include "workflows/view/viewer.h"
+#include "workflows/view/messages.h"
 
 namespace brume::web {
 

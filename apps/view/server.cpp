@@ -110,7 +110,7 @@ class Server::Implementation : public ViewListener {
   const std::string& secret() const { return secret_; }
   bool names_this(std::string_view host_header) const;
   bool comes_from_here(std::string_view origin) const;
-  Viewer& viewer() { return *viewer_; }
+  ViewSource& viewer() { return *viewer_; }
   Response answer(const Request& request);
 
   void joined(const std::shared_ptr<Connection>& connection);
@@ -155,7 +155,7 @@ class Server::Implementation : public ViewListener {
   std::weak_ptr<Connection> looking_;
   std::optional<uint64_t> unanswered_;  // the look's number
   std::deque<std::pair<std::weak_ptr<Connection>, ViewLook>> waiting_;
-  std::unique_ptr<Viewer> viewer_;
+  std::unique_ptr<ViewSource> viewer_;
   std::thread thread_;
   friend class Connection;
 };
@@ -300,7 +300,7 @@ Server::Implementation::Implementation(const ViewOptions& view, const ServerOpti
   authority_ = host_address.is_v6() ? fmt::format("[{}]:{}", host_address.to_string(), port)
                                     : fmt::format("{}:{}", host_address.to_string(), port);
   address_ = fmt::format("http://{}/{}/", authority_, secret_);
-  viewer_ = std::make_unique<Viewer>(view, host, *this);
+  viewer_ = make_view_source(view, host, *this);
   accept();
   check_file();
   thread_ = std::thread([this] { context_.run(); });

@@ -2,7 +2,7 @@
 #include <memory>
 #include <string>
 
-#include "workflows/view/viewer.h"
+#include "workflows/view/view_source.h"
 
 namespace brume::web {
 

@@ -8,8 +8,10 @@ std::vector<ForeignFrame> arnold(const Channels& file, const ExrInfo&) {
   for (const char* name : {"variance.", "RGBA_variance."})
     if (!variance) variance = file.colour(name);
   const bool media = file.colour("volume_direct.") && file.colour("volume_indirect.");
-  if (!colour || !(variance || media || file.colour("denoise_albedo."))) return {};
+  if (!colour) return {};
   ForeignFrame p{.renderer = "Arnold", .target = *colour};
+  add_lights(file, "", "RGBA_", p, kNoLightGroups);
+  if (!(variance || media || file.colour("denoise_albedo.") || !p.lights.empty())) return {};
   if (const auto layer = file.colour("RGBA."); layer && *layer != *colour) p.alike.push_back(*layer);
   p.color = {.name = "RGBA", .channels = *colour};
   if (variance) p.color.variance = {.channels = listed(*variance), .meaning = VarianceMeaning::kUnstated};

@@ -121,6 +121,16 @@ void add_depth(ForeignFrame& picture, const std::string& channel) {
   if (!channel.empty()) picture.features.push_back({layer::depth, {channel}});
 }
 
+void add_lights(const Channels& file, const std::string& view, const std::string& prefix, ForeignFrame& picture,
+                const std::set<std::string>& others) {
+  for (const std::string& layer : file.layers(view)) {
+    if (!layer.starts_with(prefix)) continue;
+    const std::string group = layer.substr(prefix.size());
+    if (const auto channels = file.colour(view + layer + "."); channels && !others.contains(group))
+      picture.lights.push_back({.name = layer, .channels = *channels, .group = group});
+  }
+}
+
 void add_alpha(const Channels& file, ForeignFrame& picture, const std::string& prefix) {
   for (const char* name : {"A", "a", "alpha"})
     if (picture.alpha.empty() && file.has(prefix + name)) picture.alpha = file.in_file(prefix + name);

@@ -58,6 +58,13 @@ double header_number(const ExrInfo& file, const std::string& key);
 
 void add_vector(ForeignFrame& picture, const LayerName& layer, const std::optional<ChannelTriple>& channels);
 void add_depth(ForeignFrame& picture, const std::string& channel);
+/// Light groups: layers of colours below a view whose names begin with `prefix`, the group's name behind it.
+/// @param others  what may stand behind it and is no light group
+void add_lights(const Channels& file, const std::string& view, const std::string& prefix, ForeignFrame& picture,
+                const std::set<std::string>& others = {});
+/// What renderers call pictures beside one that are no light groups: "RGBA_variance".
+inline const std::set<std::string> kNoLightGroups = {"variance", "var",        "mse",  "denoised", "denoise",
+                                                     "albedo",   "unshadowed", "even", "odd"};
 void add_alpha(const Channels& file, ForeignFrame& picture, const std::string& prefix);
 /// Features and variance by names that many renderers give them.
 void add_common_layers(const Channels& file, const std::set<std::string>& prefixes, ForeignFrame& picture);

@@ -39,13 +39,6 @@ void add_cycles_media(const Channels& file, const std::string& view, ForeignFram
       picture.passes.push_back({.name = p.old_name, .channels = *channels, .indirect = p.indirect});
 }
 
-/// Passes of light groups, "Combined_key".
-void add_cycles_lights(const Channels& file, const std::string& view, ForeignFrame& picture) {
-  for (const std::string& pass : file.layers(view))
-    if (const auto channels = file.colour(view + pass + "."); channels && pass.starts_with("Combined_"))
-      picture.lights.push_back({.name = pass, .channels = *channels});
-}
-
 }  // namespace
 
 std::vector<ForeignFrame> cycles(const Channels& file, const ExrInfo& info) {
@@ -59,7 +52,7 @@ std::vector<ForeignFrame> cycles(const Channels& file, const ExrInfo& info) {
     if (noisy) p.remarks.push_back("Combined was denoised by Blender; it is made anew from Noisy Image and the passes");
     add_cycles_surfaces(file, view, p);
     add_cycles_media(file, view, p);
-    add_cycles_lights(file, view, p);
+    add_lights(file, view, "Combined_", p);
     add_alpha(file, p, view + "Combined.");
     add_vector(p, layer::albedo, file.colour(view + "Denoising Albedo."));
     add_vector(p, layer::normal, file.vector(view + "Denoising Normal."));

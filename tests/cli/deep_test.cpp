@@ -136,6 +136,27 @@ TEST_F(Deep, DepthsOfWhatIsSeen) {
   EXPECT_NEAR(front.at("A")(middle.x, middle.y), -std::expm1(-0.6), 1e-3);
 }
 
+// Light from infinitely far covers nothing, whatever the sum that rounding leaves of what does.
+TEST_F(Deep, DepthsLieWhereTheMediumDoes) {
+  run("render " + test::source("data/scenes/smoke.toml").string() + kTiny + "--layers depths -o " + path("f.exr") +
+      " --deep " + path("d.exr"));
+  const Layers frame = read_exr(path("f.exr"));
+  float nearest = 1e10f, farthest = 0;
+  const DeepPicture deep = read_deep_exr(path("d.exr"));
+  for (const float z : deep.find("Z")->values) nearest = std::min(nearest, z);
+  for (const float z : deep.find("ZBack")->values) farthest = std::max(farthest, z < 1e10f ? z : 0);
+  size_t covered = 0;
+  for (const char* name : {"depth_mean.Z", "depth_half.Z", "depth_first.Z"})
+    for (int y = 0; y < frame.height(); ++y)
+      for (int x = 0; x < frame.width(); ++x) {
+        const float z = frame.at(name)(x, y);
+        if (z == 1e10f) continue;
+        ++covered;
+        ASSERT_TRUE(z >= nearest && z <= farthest) << name << " is " << z << " at " << x << " " << y;
+      }
+  EXPECT_GT(covered, 300u);
+}
+
 TEST_F(Deep, MistGrowsWithTheDistanceFromAPerspectiveCamera) {
   // A wall 5 away, whose corners are farther from the eye; half the film's width is at tan = 0.5.
   test::write_file(folder_ / "wall.obj", "v -9 0 -9\nv 9 0 -9\nv 9 0 9\nv -9 0 9\nf 1 2 3 4\n");

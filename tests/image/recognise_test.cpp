@@ -252,6 +252,25 @@ TEST(Recognise, ArnoldsVarianceHasNoStatedLevel) {
   EXPECT_EQ(feature(p, layer::albedo), "denoise_albedo.R");
 }
 
+TEST(Recognise, LightGroupsByTheNamesThatRenderersGiveThem) {
+  const auto groups_of = [](const ForeignFrame& picture) {
+    std::vector<std::string> groups;
+    for (const ForeignSignal& light : picture.lights) groups.push_back(light.group);
+    return groups;
+  };
+  const std::vector<std::string> both = {"default", "key"};
+  const ForeignFrame arnold = only(
+      file_of(layers_of({{"", "RGBA"}, {"RGBA_default", "RGBA"}, {"RGBA_key", "RGBA"}, {"RGBA_variance", "RGB"}})));
+  EXPECT_EQ(arnold.renderer, "Arnold");
+  EXPECT_EQ(groups_of(arnold), both);
+  EXPECT_EQ(names_of(arnold.lights), (std::vector<std::string>{"RGBA_default", "RGBA_key"}));
+  EXPECT_EQ(groups_of(only(file_of(layers_of({{"C", "RGBA"}, {"C_default", "RGB"}, {"C_key", "RGB"}})))), both);
+  EXPECT_EQ(groups_of(only(file_of(layers_of({{"", "RGBA"}, {"C_default", "RGB"}, {"C_key", "RGB"}})))), both);
+  EXPECT_EQ(groups_of(only(file_of(
+                layers_of({{"V.Combined", "RGBA"}, {"V.Combined_default", "RGB"}, {"V.Combined_key", "RGB"}})))),
+            both);
+}
+
 TEST(Recognise, ColoursWithLayersOfCommonNames) {
   const ForeignFrame p = only(file_of(layers_of({{"", "RGBA"}, {"Albedo", "RGB"}, {"NORMAL", "XYZ"}, {"z", "Z"}})));
   EXPECT_EQ(feature(p, layer::albedo), "Albedo.R");

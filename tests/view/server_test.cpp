@@ -18,6 +18,7 @@
 #include "base/error.h"
 #include "base/peak_memory.h"
 #include "base/rng.h"
+#include "image/exr_io.h"
 #include "tests/support/files.h"
 
 namespace brume {
@@ -34,7 +35,8 @@ struct Running {
   web::Server server;
   std::string authority, secret;
   explicit Running(const web::ServerOptions& options = {}, const std::vector<std::string>& overrides = {})
-      : server({test::source("data/scenes/cloud.toml"), {}, overrides, "transport_regression"}, options, {}) {
+      : Running(ViewOptions{.scene = test::source("data/scenes/cloud.toml"), .overrides = overrides}, options) {}
+  explicit Running(const ViewOptions& view, const web::ServerOptions& options = {}) : server(view, options, {}) {
     const std::string address = server.address();
     const size_t slash = address.find('/', 7);
     authority = address.substr(7, slash - 7);
@@ -209,6 +211,41 @@ TEST(ViewServer, MixesLightGroups) {
   mixed["id"] = 5;
   page.send(mixed);
   page.receive_until([](const json& m) { return m["type"] == "picture" && m["id"] == 5; });
+}
+
+TEST(ViewServer, ShowsAndMixesAFrame) {
+  const test::TemporaryFolder folder;
+  Layers frame(8, 6);
+  for (const char* channel : {"R", "G", "B"}) {
+    frame.add(channel, 3);
+    frame.add(std::string("light.key.") + channel, 1);
+    frame.add(std::string("light.rest.") + channel, 2);
+  }
+  frame.header["software"] = std::string("brume");
+  write_exr(folder / "f.exr", frame);
+  const Running r(ViewOptions{.scene = folder / "f.exr"});
+  Page page(r);
+  json mixed = look(3);
+  mixed["mix"] = {{"key", 0.5}};
+  page.send(mixed);
+  const json scene = page.receive_until([](const json& m) { return m["type"] == "scene"; });
+  EXPECT_EQ(scene["of"], "frames");
+  EXPECT_EQ(scene["groups"], json::array());
+  EXPECT_EQ(scene["light_groups"], json::array({"key", "rest"}));
+  const json picture = page.receive_until([](const json& m) { return m["type"] == "picture"; });
+  EXPECT_EQ(picture["width"], 8);
+  page.send({{"type", "probe"}, {"id", 4}, {"x", 0.5}, {"y", 0.5}});
+  EXPECT_EQ(page.receive_until([](const json& m) { return m["type"] == "point"; })["position"], nullptr);
+  EXPECT_NE(post(r, "scene.toml", mixed.dump()).body().find("[mix]\nkey = [0.5, 0.5, 0.5]"), std::string::npos);
+  EXPECT_NE(post(r, "command", mixed.dump()).body().find("--gain key=0.5"), std::string::npos);
+  EXPECT_EQ(post(r, "frame.exr", mixed.dump()).result_int(), 200u);
+  EXPECT_EQ(post(r, "mix", mixed.dump()).result_int(), 409u);
+  mixed["mix"] = {{"moon", 2}};
+  for (const char* name : {"scene.toml", "frame.exr"}) EXPECT_EQ(post(r, name, mixed.dump()).result_int(), 409u);
+  page.send(mixed);
+  EXPECT_NE(page.receive_until([](const json& m) { return m["type"] == "problem"; })["text"].get<std::string>().find(
+                "no light group 'moon'"),
+            std::string::npos);
 }
 
 TEST(ViewServer, APageWhoseTurnAnotherOneTakesIsToldAndGoesOnAfterIt) {

@@ -74,7 +74,8 @@ struct ViewSceneText {
   };
   uint64_t id = 0;
   std::string name, command;
-  bool reloaded = false;  ///< the file has changed
+  bool of_frames = false;  ///< frames that are there: no scene, and nothing is rendered
+  bool reloaded = false;   ///< the file has changed
   std::vector<int> frames;
   dvec3 lo{0}, hi{0};  ///< of what the volumes and lights that are seen fill
   std::vector<Layer> layers;

@@ -8,14 +8,10 @@
 #include <utility>
 
 #include "base/error.h"
-#include "base/missing_file.h"
-#include "base/sequence.h"
 #include "image/light_layers.h"
 #include "image/packed_half.h"
 #include "image/usable_colors.h"
 #include "render/scene/light_groups.h"
-#include "render/scene/scene_io.h"
-#include "workflows/scene.h"
 #include "workflows/view/scene_text.h"
 #include "workflows/view/seen_depth.h"
 #include "workflows/view/viewed_layers.h"
@@ -28,20 +24,6 @@ using namespace std::chrono_literals;
 constexpr auto kRest = 150ms;  // without a look, after which a moving picture is at rest
 
 }  // namespace
-
-void check_viewable(const ViewOptions& options) {
-  std::error_code ignored;
-  const auto there = std::find_if(options.frames.begin(), options.frames.end(), [&](int number) {
-    return std::filesystem::exists(file_of_frame(options.scene, number), ignored);
-  });
-  const int frame = options.frames.empty() ? 0 : there == options.frames.end() ? options.frames.front() : *there;
-  const std::filesystem::path file = file_of_frame(options.scene, frame);
-  check_exists(file);
-  if (is_volume(file)) return;
-  std::vector<std::string> overrides = options.overrides;
-  if (!options.frames.empty()) overrides.push_back(fmt::format("render.frame={}", frame));
-  read_scene_alone(file, overrides);
-}
 
 Viewer::Viewer(const ViewOptions& options, const Host& host, ViewListener& listener)
     : options_(options),

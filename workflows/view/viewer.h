@@ -15,57 +15,47 @@
 #include "workflows/host.h"
 #include "workflows/view/march_pace.h"
 #include "workflows/view/messages.h"
+#include "workflows/view/view_source.h"
 #include "workflows/view/viewed_scene.h"
 
 namespace brume {
 
-struct ViewOptions {
-  std::filesystem::path scene;  ///< scene or OpenVDB file; a pattern where there are frames
-  std::vector<int> frames;
-  std::vector<std::string> overrides;
-  std::string clean_filter = "transport_regression";
-};
-
-/// For those who can tell their user at once what a page would only show. @throws InputError: a file that is missing; a
-/// scene that cannot be read, overrides included
-void check_viewable(const ViewOptions& options);
-
 /// Answers looks at a scene, the newest first: at once with a noise-free picture of predicted light (render/guides), a
 /// coarse one where the whole takes long, which is refined in steps; at rest with path-traced samples in rounds, each
 /// cleaned. A thread of its own does all of it.
-class Viewer {
+class Viewer : public ViewSource {
  public:
   /// @throws InputError: a filter that cannot clean renders
   Viewer(const ViewOptions& options, const Host& host, ViewListener& listener);
-  ~Viewer();
+  ~Viewer() override;
   Viewer(Viewer&&) = delete;
 
   /// Takes the place of all looks before. One that asks for other layers or another mix alone is answered with those of
   /// the picture that is there, and what is being computed goes on.
-  void look(ViewLook look);
-  void probe(const ViewProbe& probe);
+  void look(ViewLook look) override;
+  void probe(const ViewProbe& probe) override;
   /// Ends what is being computed; the next look goes on.
-  void pause();
+  void pause() override;
   /// Looks again if the scene's file, or one that it names, has changed; tells where one is gone. To be called now and
   /// then: files other than the scene's are read once they have not changed between two calls.
-  void check_files();
+  void check_files() override;
 
   /// The last frame that was path traced and cleaned, with all layers; null before.
-  std::shared_ptr<const Layers> frame() const;
+  std::shared_ptr<const Layers> frame() const override;
   /// The best frame of this very look, whichever its layers: path traced and cleaned, or the whole predicted picture
   /// with its guides; mixed without what is not known by light group; null where neither is there yet.
   /// @throws InputError for a light group that the scene does not have
-  std::shared_ptr<const Layers> frame(const ViewLook& look) const;
+  std::shared_ptr<const Layers> frame(const ViewLook& look) const override;
   /// The scene as it was looked at last, as a file of its own; empty before.
-  std::string scene_text() const;
+  std::string scene_text() const override;
   /// The same of a look that need not have been answered. @throws InputError: as edited_scene; nothing has been read
   /// yet
-  std::string scene_text(const ViewLook& look) const;
+  std::string scene_text(const ViewLook& look) const override;
   /// What renders the look in full quality, for a shell.
-  std::string command(const ViewLook& look) const;
+  std::string command(const ViewLook& look) const override;
   /// What makes the lights of the look's scene as it mixes them. @throws InputError: as assignments_of_mix; nothing has
   /// been read yet
-  std::vector<std::string> mix_assignments(const ViewLook& look) const;
+  std::vector<std::string> mix_assignments(const ViewLook& look) const override;
 
  private:
   static constexpr double kMovingSeconds = 0.06;  // that the march of a moving picture may take

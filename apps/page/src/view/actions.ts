@@ -90,6 +90,7 @@ export async function addLamp(viewer: Viewer, x: number, y: number): Promise<voi
 
 /** Looks at what is seen at a place of the picture. */
 export async function focusAt(viewer: Viewer, x: number, y: number): Promise<void> {
+  if (!viewer.camera) return;
   const point = await viewer.probe(x, y);
   if (point) viewer.moveCamera((camera) => focusedOn(camera, point));
   else viewer.say("There is nothing to look at");

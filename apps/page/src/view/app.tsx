@@ -56,7 +56,7 @@ function Page() {
           </svg>
           <span class="name">{scene?.name ?? "brume"}</span>
         </h1>
-        <div class="tools" role="group" aria-label="Tools">
+        <div class="tools" role="group" aria-label="Tools" hidden={viewer.ofFrames}>
           <button
             type="button"
             aria-pressed={tool === "sun"}
@@ -98,7 +98,7 @@ function Page() {
           <button
             type="button"
             disabled={!viewer.assignments.size}
-            title="The scene as its file has it"
+            title={viewer.ofFrames ? "Lights as they are in the frame" : "The scene as its file has it"}
             onClick={() => viewer.resetAll()}
           >
             Reset all

@@ -70,7 +70,7 @@ function savePicture(viewer: Viewer, name: string): void {
     );
   const pictures = viewer.layers.map((layer) => viewer.shown(layer)!.picture);
   const canvas = document.createElement("canvas");
-  [canvas.width, canvas.height] = viewer.size;
+  [canvas.width, canvas.height] = viewer.ofFrames ? [pictures[0]!.width, pictures[0]!.height] : viewer.size;
   paint(canvas.getContext("2d")!, { left: 0, top: 0, width: canvas.width, height: canvas.height }, viewer);
   canvas.toBlob((blob) => blob && save(name, blob), "image/png");
   const coarse = pictures.find(({ width, full }) => width < canvas.width || !full);
@@ -132,19 +132,34 @@ export function Keep() {
   return (
     <div class="keep">
       <div class="buttons">
-        <button
-          type="button"
-          title="The scene as it is seen now"
-          onClick={() => void saveScene(viewer, `${keptName(scene?.name ?? "", null)}.toml`)}
-        >
-          <Icon name="save" /> Scene
-        </button>
+        {viewer.ofFrames ? (
+          <button
+            type="button"
+            hidden={!scene?.light_groups?.length}
+            title="The mix of lights as TOML, for brume mix --mix"
+            onClick={() => void saveScene(viewer, `${keptName(scene?.name ?? "", null)}_mix.toml`)}
+          >
+            <Icon name="save" /> Mix
+          </button>
+        ) : (
+          <button
+            type="button"
+            title="The scene as it is seen now"
+            onClick={() => void saveScene(viewer, `${keptName(scene?.name ?? "", null)}.toml`)}
+          >
+            <Icon name="save" /> Scene
+          </button>
+        )}
         <button type="button" title="The picture as it is seen now" onClick={() => savePicture(viewer, `${name}.png`)}>
           <Icon name="save" /> PNG
         </button>
         <button
           type="button"
-          title="The frame of what is seen now, with all its layers: path traced where samples are there, else predicted"
+          title={
+            viewer.ofFrames
+              ? "The frame, with its lights as they are mixed"
+              : "The frame of what is seen now, with all its layers: path traced where samples are there, else predicted"
+          }
           onClick={() => void saveFrame(viewer, `${name}.exr`)}
         >
           <Icon name="save" /> EXR

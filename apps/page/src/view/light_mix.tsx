@@ -27,6 +27,7 @@ export function LightMix() {
       <div class="buttons">
         <button
           type="button"
+          hidden={viewer.ofFrames}
           disabled={!changed}
           title="The scene's own lights become as they are mixed; the mix begins anew"
           onClick={() => void intoScene(viewer)}
@@ -35,7 +36,11 @@ export function LightMix() {
         </button>
         <button
           type="button"
-          title="Copy the scene as TOML, with its lights as they are mixed"
+          title={
+            viewer.ofFrames
+              ? "Copy the mix as TOML, for brume mix --mix"
+              : "Copy the scene as TOML, with its lights as they are mixed"
+          }
           onClick={() => void copyScene(viewer)}
         >
           Copy TOML
@@ -107,7 +112,7 @@ async function copyScene(viewer: Viewer): Promise<void> {
   }
   try {
     await navigator.clipboard.writeText(text);
-    viewer.say("Scene copied as TOML");
+    viewer.say(viewer.ofFrames ? "Mix copied as TOML" : "Scene copied as TOML");
   } catch {
     viewer.say("The browser does not let the page copy: save the scene instead");
   }

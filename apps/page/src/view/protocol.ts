@@ -41,6 +41,8 @@ export interface SceneMessage {
   type: "scene";
   id: number;
   name: string;
+  /** What is looked at: frames that are there, of which nothing is rendered, instead of a scene. */
+  of?: "frames";
   /** Frames of a sequence. */
   frames?: number[] | null;
   command?: string;

@@ -67,7 +67,7 @@ export function Stage() {
         id="picture"
         tabIndex={0}
         role="img"
-        aria-label={`${viewer.scene?.name ?? "volume"}: ${titles.join(" and ")}; drag to turn`}
+        aria-label={`${viewer.scene?.name ?? "volume"}: ${titles.join(" and ")}${viewer.ofFrames ? "" : "; drag to turn"}`}
         onFocus={(e) => setKeyboard(e.currentTarget.matches(":focus-visible"))}
         onBlur={() => setKeyboard(false)}
         onPointerMove={() => setKeyboard(false)}

@@ -51,7 +51,7 @@ export function Status() {
       )}
       {left !== undefined && <span class="left">{timeText(left)} left</span>}
       {progress?.seconds !== undefined && <span class="passed">{timeText(passed)}</span>}
-      {picture && (
+      {picture && !viewer.ofFrames && (
         <span class={`kind ${picture.stage}`} title={KINDS[picture.stage]}>
           {picture.stage === "predicted"
             ? picture.full
@@ -60,7 +60,7 @@ export function Status() {
             : `shown: path traced, cleaned, ${picture.samples} spp`}
         </span>
       )}
-      {picture && picture.stage === "clean" && picture.error !== null && (
+      {picture && !viewer.ofFrames && picture.stage === "clean" && picture.error !== null && (
         <span title="Estimated relative error of the picture">
           error <b>{number(100 * picture.error)} %</b>
         </span>

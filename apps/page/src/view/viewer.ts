@@ -127,7 +127,12 @@ export class Viewer {
   get moving(): boolean {
     return this.moves;
   }
+  /** Whether frames that are there are looked at, which have neither camera nor lights to change. */
+  get ofFrames(): boolean {
+    return this.scene?.of === "frames";
+  }
   get camera(): Camera | undefined {
+    if (this.ofFrames) return undefined;
     return this.values.camera(this.assignments);
   }
   get bounds(): Bounds | undefined {
@@ -259,7 +264,7 @@ export class Viewer {
     if ([this.layers.join(), this.size.join()].join() !== before) this.schedule();
   }
   use(tool: Tool): void {
-    this.tool = tool;
+    this.tool = this.ofFrames ? "camera" : tool;
     this.changed.emit();
   }
   resize(area: { width: number; height: number }): void {
@@ -409,7 +414,7 @@ export class Viewer {
         if (message.reloaded) this.problem = undefined;
         this.settled(message.id);
         if (message.reloaded) this.cache.clear();
-        if (message.reloaded) this.say("The scene's file has changed: it was read again");
+        if (message.reloaded) this.say(`The ${this.ofFrames ? "frame" : "scene"}'s file has changed: it was read again`);
         // A group that the scene no longer has is not asked for again.
         if (isMixed(this.assignments)) this.schedule();
         this.changed.emit();
