@@ -307,7 +307,10 @@ class _Translator:
         """@param box  corners of the object's texture space; None: there is none"""
         corners = np.array([corner[:] for corner in box]) if box is not None else None
         box = None if corners is None else (corners.min(0), corners.max(0))
-        return Place(instance.object, instance.matrix_world, self._depsgraph, box, instance.random_id, self._alone(instance), self._trees)
+        return Place(
+            instance.object, instance.matrix_world, self._depsgraph, box, instance.random_id, self._alone(instance), self._trees,
+            instance.parent if instance.is_instance else None,
+        )  # fmt: skip
 
     def _alone(self, instance):
         """What tells an instance that moves from frame to frame from others, none of which it can be a place of; None: it stands still."""

@@ -70,6 +70,8 @@ class _Shader:
 
     def resolve(self, plug):
         self._collect(plug, 1.0, Share())
+        if LEAST < self._holdout < 1 - LEAST:
+            self._say(f"is a holdout by {self._holdout:.2g}: from a half on all of it is one; below that it is dimmed, and leaves no hole in alpha")
         if self._holdout >= 0.5:
             return Surface(None, np.zeros(3), holdout=True)
         bsdfs = sorted((b for b in self._bsdfs if b.weight > LEAST), key=lambda b: -b.weight)

@@ -34,9 +34,9 @@ class Pictures:
         self._known = {}  # by name, the latest last
 
     def of(self, image):
-        """@param image  of Blender's, or a Picture already"""
-        if isinstance(image, Picture):
-            return image
+        """@param image  of Blender's, a Picture already, or None, of an Image Texture that has none"""
+        if image is None or isinstance(image, Picture):
+            return image or Picture(None)
         picture = self._known.pop(image.name_full, None)
         if picture is None or not picture.is_of(image):
             picture = Picture(image)
@@ -57,12 +57,11 @@ class Picture:
     """An image of Blender's as it was when it was read: a thread may look at it while Blender's changes. Rows go from the top."""
 
     def __init__(self, image):
-        (width, height), channels = image.size, image.channels  # which reads the file
+        (width, height), channels = (image.size, image.channels) if image is not None else ((0, 0), 0)  # which reads the file
         self.is_missing = width * height * channels == 0
-        self.name, self._settings = image.name, _settings_of(image)
+        self.name, self._settings = image.name if image is not None else "", _settings_of(image)
         self.size, self.channels, self._is_float, self.alpha_mode, self.space, self.moves = self._settings
         if self.is_missing:
-            self.size, self.channels, self._is_float = (1, 1), 4, True
             raw = np.array(MAGENTA, np.float32)
         else:
             raw = np.empty(width * height * channels, np.float32)
@@ -83,7 +82,7 @@ class Picture:
 
     def say_what_it_is(self, notes, name):
         if self.is_missing:
-            notes.say(name, f"the image {self.name} is not there: it is magenta")
+            notes.say(name, f"the image {self.name} is not there: it is magenta" if self.name else "an Image Texture has no image: it is magenta")
         elif not self._is_float and self.space not in LINEAR and self.space not in SRGB:
             notes.say(name, f"the colour space {self.space} of the image {self.name} is taken as sRGB")
 
@@ -128,6 +127,8 @@ class Picture:
 
 
 def _settings_of(image):
+    if image is None or image.size[0] * image.size[1] * image.channels == 0:
+        return (1, 1), 4, True, "STRAIGHT", "Linear", False
     moves = image.source in ("SEQUENCE", "MOVIE")
     return tuple(image.size), image.channels, image.is_float, image.alpha_mode, image.colorspace_settings.name, moves
 

@@ -56,8 +56,8 @@ class SurfacePoints:
 
     def _image(self, plug):
         node = plug.node
-        if node.image is None or node.projection != "FLAT":
-            raise UnknownNode("Image Texture without an image, or a projection of it")
+        if node.projection != "FLAT":
+            raise UnknownNode(f"Image Texture ({node.projection.lower()})")
         vector = plug.input("Vector")
         uv = np.asarray(Values(self).colour(vector)) if vector.resolve().socket.is_output else self._uv("")
         uv = np.broadcast_to(uv, (len(self._points), 3))
