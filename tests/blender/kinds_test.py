@@ -357,6 +357,23 @@ class Kinds(Comparison):
             translate(bpy.context.evaluated_depsgraph_get(), b.scene, self.folder, bakes=self.folder, check=check)
         self.assertEqual([name for name in os.listdir(self.folder) if name.endswith(".vdb")], [])
 
+    def test_a_texture_ends_when_it_is_to(self):
+        class Enough(Exception):
+            pass
+
+        for kind in (floor_of_noise, world_of_noise):
+            with self.subTest(kind.__name__):
+                b, calls = self.built(kind), []
+
+                def check(most=12):
+                    calls.append(time.monotonic())
+                    if len(calls) == most:
+                        raise Enough
+
+                with self.assertRaises(Enough):
+                    translate(bpy.context.evaluated_depsgraph_get(), b.scene, self.folder, bakes=self.folder, check=check)
+                self.assertEqual([name for name in os.listdir(self.folder) if name.endswith(".exr")], [])
+
     def test_a_second_render_bakes_nothing(self):
         b = self.built(cloud_times_noise)
         self._notes(b)

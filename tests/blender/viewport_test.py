@@ -112,6 +112,13 @@ class Viewport(unittest.TestCase):
         self.assertTrue(self.seen["baked"])
         self.assertEqual(self.seen["bakes"], 3, "what was baked before is known")
 
+    def test_textures_are_painted_beside_while_the_picture_stays(self):
+        self.assertRegex(self.seen["painting"], r"^baking Floor \.\.\. \| ")
+        self.assertTrue(self.seen["stays_while_painting"])
+        self.assertTrue(self.seen["painted"])
+        self.assertFalse(self.seen["paints_in_main_thread"])
+        self.assertEqual(self.seen["paintings"], 1, "another frame has the same texture")
+
     def test_transparent_films_have_alpha(self):
         self.assertLess(self.seen["alpha"][0], 0.01)
         self.assertGreater(self.seen["alpha"][1], 0.9)

@@ -21,7 +21,7 @@ sys.path[:0] = [os.path.join(os.environ["BRUME_SOURCE"], "apps", "blender"), os.
 addon_utils.enable("brume_blender", default_set=True)
 import viewport_mix  # noqa: E402
 from brume_blender import viewport as own  # noqa: E402
-from brume_blender.translate import beside  # noqa: E402
+from brume_blender.translate import beside, painting  # noqa: E402
 
 SCENE, FOLDER = sys.argv[sys.argv.index("--") + 1 :]
 PATIENCE = 120  # seconds for a picture, whatever the machine
@@ -124,6 +124,7 @@ class Scenario:
         seen["meshes_written_again"] = len(set(os.listdir(views()[0]._path)) - files)
 
         yield from self.bakes(density)
+        yield from self.paints()
 
         mesh = bpy.data.objects["Floor"].data
         mesh.vertices[0].co.x *= 0.2
@@ -233,6 +234,39 @@ class Scenario:
         seen["bakes"] = len(began)
         beside.bake = original
         tree.links.remove(density.links[0])
+        yield self.later(self.answered())
+
+    def paints(self):
+        """A floor whose colour nodes compute, by a painting that takes as long as this lets it."""
+        view, original, began, gate = views()[0], painting.Painting.write, [], threading.Event()
+
+        def slow(own, path, check):
+            began.append(threading.current_thread() is threading.main_thread())
+            while not gate.is_set():
+                check()
+                time.sleep(0.01)
+            return original(own, path, check)
+
+        painting.Painting.write = slow
+        tree, text = bpy.data.materials["Floor"].node_tree, view._text
+        colour = tree.nodes["Diffuse BSDF"].inputs["Color"]
+        tree.links.new(tree.nodes.new("ShaderNodeTexNoise").outputs["Color"], colour)
+        yield lambda: view._baking and began
+        seen["painting"] = view._state()
+        before = view._number
+        self.space.region_3d.view_rotation = self.space.region_3d.view_rotation @ Quaternion((0, 1, 0), 0.1)
+        yield lambda: self.shown(after=before)
+        seen["stays_while_painting"] = view._text == text
+        gate.set()
+        yield lambda: not view._baking
+        yield self.later(self.answered())
+        seen["painted"] = "albedo_texture" in view._text
+        self.screenshot("painted")
+        self.scene.frame_set(2)
+        yield self.later(self.answered())
+        seen["paintings"], seen["paints_in_main_thread"] = len(began), any(began)
+        painting.Painting.write = original
+        tree.links.remove(colour.links[0])
         yield self.later(self.answered())
 
     def later(self, condition):

@@ -109,8 +109,10 @@ class Viewport:
         changed = {update.id.name_full for update in depsgraph.updates if update.is_updated_geometry}
         self._folder.forget_geometry(changed)
         frame = depsgraph.scene_eval.frame_current_final
-        if frame != self._frame or any(isinstance(update.id, (bpy.types.Image, bpy.types.MovieClip)) for update in depsgraph.updates):
-            self._folder.written = {key: path for key, path in self._folder.written.items() if str(path).endswith(".ply")}
+        if any(isinstance(update.id, (bpy.types.Image, bpy.types.MovieClip)) for update in depsgraph.updates):
+            self._folder.forget_pictures()
+        if frame != self._frame:
+            self._folder.forget_frame()
         self._frame = frame
 
     def _translate(self, context, depsgraph):

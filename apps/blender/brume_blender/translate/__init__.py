@@ -28,6 +28,7 @@ from .meshes import MESH_LIKE
 from .motion import key_of, motion_of
 from .notes import CannotTranslate, LeftOut, Notes
 from .placement import matrices_of
+from .painting import AtOnce, Beside
 from .places import Place
 from .steps import mist_keys, steps_of
 from .surfaces import Surfaces, is_held_out, mark_of
@@ -129,7 +130,8 @@ class _Translator:
         self._named = self._view is None and (self._layer.use_pass_cryptomatte_object or self._layer.use_pass_cryptomatte_material)
         wants_groups = self._view is None or self._layer.brume.use_mix
         self._groups = group_names(self._layer) if wants_groups else {}
-        self._surfaces = Surfaces(self._folder, self._notes, self._layer, self._bake, self._instances, self._named)
+        self._painter = AtOnce(self._folder, self._check) if self._view is None else Beside(self._folder, self._view.bakes)
+        self._surfaces = Surfaces(self._folder, self._notes, self._layer, self._bake, self._painter, self._instances, self._named)
         self._camera = camera_of(self._depsgraph, self._scene) if self._view is None else None
         head = [
             Table("[render]").set(frame=max(self._frame, 0), **(mist_keys(self._scene.world) if self._layer.use_pass_mist else {})),
@@ -165,7 +167,7 @@ class _Translator:
 
     def _world(self):
         try:
-            tables = world_tables(self._depsgraph, self._scene, self._layer, self._folder, self._notes)
+            tables = world_tables(self._depsgraph, self._scene, self._layer, self._folder, self._painter, self._notes)
             put_in_group(tables, self._groups.get(group_of(self._scene.world)) if self._scene.world is not None else None)
             return tables
         except LeftOut as reason:
@@ -305,7 +307,10 @@ class _Translator:
         """@param box  corners of the object's texture space; None: there is none"""
         corners = np.array([corner[:] for corner in box]) if box is not None else None
         box = None if corners is None else (corners.min(0), corners.max(0))
-        return Place(instance.object, instance.matrix_world, self._depsgraph, box, instance.random_id, self._alone(instance), self._trees)
+        return Place(
+            instance.object, instance.matrix_world, self._depsgraph, box, instance.random_id, self._alone(instance), self._trees,
+            instance.parent if instance.is_instance else None,
+        )  # fmt: skip
 
     def _alone(self, instance):
         """What tells an instance that moves from frame to frame from others, none of which it can be a place of; None: it stands still."""

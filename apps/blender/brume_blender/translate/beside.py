@@ -53,8 +53,19 @@ class Failure:
     def is_there(self):
         return True
 
-    def given(self, shader, source, notes):
+    def given(self, *_):
         raise RuntimeError(self._text)
+
+    @staticmethod
+    def of(function):
+        """What a function of a job gives, or its Failure. @throws Cancelled"""
+        try:
+            return function()
+        except Cancelled:
+            raise
+        except Exception as error:
+            traceback.print_exc()
+            return Failure(f"{type(error).__name__}: {error}")
 
 
 class Job:
@@ -65,13 +76,9 @@ class Job:
     def run(self):
         """@throws Cancelled"""
         notes = self._shader.notes = Notes()
-        try:
-            return Result(bake(self._shader, self._source, self._folder, self._most, notes, self._check), self._shader, notes)
-        except Cancelled:
-            raise
-        except Exception as error:
-            traceback.print_exc()
-            return Failure(f"{type(error).__name__}: {error}")
+        return Failure.of(
+            lambda: Result(bake(self._shader, self._source, self._folder, self._most, notes, self._check), self._shader, notes)
+        )
 
     def _check(self):
         if self.cancelled:
@@ -79,7 +86,7 @@ class Job:
 
 
 class Bakes:
-    """Of a viewport, from one translation to the next: begin(), bake() of each shader, settle()."""
+    """Of a viewport, from one translation to the next: begin(), bake() of each shader and result() of each picture, settle()."""
 
     def __init__(self):
         self._lock = threading.Lock()
@@ -105,6 +112,18 @@ class Bakes:
         if found is not None and found.is_there():
             return found.given(shader, source, notes)
         self._asked[here] = (anywhere, Job(shader, source, folder, most_voxels))
+        raise Pending("what its nodes compute is being baked")
+
+    def result(self, key, made):
+        """What came of a job. @param key  of what it gives   @param made  function that gives the job, where it has to be done
+        @throws Pending"""
+        self._used.add(key)
+        with self._lock:
+            found = self._done.get(key)
+            known = self._asked.get(key) or self._jobs.get(key)
+        if found is not None and found.is_there():
+            return found
+        self._asked[key] = known or (key, made())
         raise Pending("what its nodes compute is being baked")
 
     def settle(self):

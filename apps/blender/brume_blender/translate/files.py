@@ -4,6 +4,8 @@ import contextlib
 import os
 import re
 
+from .pictures import Pictures
+
 GRIDS = "grids"  # begins keys of `written` of files of grids that Blender has computed
 MOST_BAKED = 4 << 30  # bytes of baked grids that are kept; the oldest go first
 
@@ -16,11 +18,12 @@ class Folder:
         self._path = os.path.abspath(path)
         self._start = os.path.abspath(scene_folder or path)
         self._bakes = bakes
-        self._taken = set()
+        self._taken, self._parts = set(), 0
         self.files = []  # paths, in the order in which they were asked for
         # What later translations need not do again.
         self.geometries = {}  # by what they are of: (meshes.Geometry or None, names of objects and meshes)
         self.written = {}  # paths, or textures that have one, by what is in them
+        self.pictures = Pictures()
 
     def new(self, suffix, *parts):
         """Path of a new file, named by parts of a name, unlike all before."""
@@ -32,6 +35,11 @@ class Folder:
         self._taken.add(name.lower())
         self.files.append(os.path.join(self._path, name))
         return self.files[-1]
+
+    def part(self, suffix):
+        """Path of a file that is no part of the scene yet."""
+        self._parts += 1
+        return os.path.join(self._path, f"part_{self._parts}.part{suffix}")
 
     def bake(self, name, key):
         """Path of baked grids, which may be there already. @param key  of what they are baked from, a word"""
@@ -63,6 +71,17 @@ class Folder:
         for key in gone:
             del self.geometries[key]
         self.written = {key: value for key, value in self.written.items() if gone.isdisjoint(key) and names.isdisjoint(key)}
+
+    def forget_frame(self):
+        """What is another one at another frame, meshes apart, which Blender tells of."""
+        self.pictures.forget(lambda picture: picture.moves)
+        kept = lambda value: not value.moves if hasattr(value, "moves") else value.endswith(".ply")  # noqa: E731
+        self.written = {key: value for key, value in self.written.items() if kept(value)}
+
+    def forget_pictures(self):
+        """Images that have changed, and what was painted of them."""
+        self.pictures.forget(lambda picture: True)
+        self.written = {key: value for key, value in self.written.items() if not hasattr(value, "moves")}
 
     def remove_unused(self, text):
         """Files that a scene does not name, but for grids that others are baked of."""

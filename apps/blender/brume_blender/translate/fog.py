@@ -24,6 +24,8 @@ BAND = 3  # voxels around a surface in which its distance is known
 def fog_tables(thing, shader_plug, geometry, place, bake, matrices, notes):
     """@param geometry  meshes.Geometry   @param bake  baking.bake, of a shader and its source   @throws LeftOut"""
     points, name = geometry.points, thing.name
+    if geometry.closed and geometry.spanned() < 0:
+        notes.say(name, "its faces point inwards, where Cycles shows no fog; brume does")
     shape, placement = _shape(points)
     shader = VolumeShader(shader_plug, name, None, place, notes)
     fits = shape is not None and not any(shader.bends_space(closure) for closure in shader.closures)
@@ -55,8 +57,7 @@ class MeshGrid(GridFile):
 
     def has_inside(self):
         """Whether the surface holds about the volume that its triangles span: it may have small holes."""
-        a, b, c = ((self._geometry.points / self._voxel)[self._geometry.vertices[:, i]] for i in range(3))
-        spanned = abs(np.einsum("ij,ij->i", a, np.cross(b, c)).sum()) / 6
+        spanned = abs(self._geometry.spanned()) / np.prod(self._voxel)
         return self.lattice(INSIDE).values.sum() > 0.8 * spanned > 0
 
     def lattice(self, grid):

@@ -35,6 +35,14 @@ def frozen(plug, depsgraph, trees):
     return Plug(sockets[plug.socket.as_pointer()], groups)
 
 
+def images_read(trees, pictures):
+    """Has the nodes of frozen trees hold Pictures of their images. @param pictures  that there are"""
+    for tree in trees.values():
+        for node in tree.nodes:
+            if getattr(node, "image", None) is not None:
+                node.image = pictures.of(node.image)
+
+
 def signature_of(plug):
     """Text that is the same for frozen plugs whose trees compute the same."""
     return "\n".join(tree.signature for tree in (plug.node.id_data, *(group.id_data for group in plug.groups)))
@@ -84,6 +92,8 @@ def _node(node, tree, depsgraph, trees):
         made.color_ramp = Frozen(interpolation=ramp.interpolation, color_mode=ramp.color_mode, table=ramp_table(ramp))
     if hasattr(getattr(node, "mapping", None), "curves"):
         made.mapping = _curves(node.mapping)
+    if hasattr(node, "image"):
+        made.image = node.image  # until images_read
     if hasattr(node, "object"):
         made.object = _object(node.object, depsgraph)
     return made

@@ -9,7 +9,7 @@ import numpy as np
 
 from .node_values import UnknownNode, Values
 from .nodes import as_the_camera_sees, output_of, tree_of
-from .pictures import NoPicture, alpha_of, texels_of
+from .pictures import is_cut
 from .shares import Blend, Rest, Share
 
 DIMMED_SINCE = (4, 0, 0)  # Principled's gloss takes from its base what it reflects, and that is Lambert's
@@ -45,7 +45,7 @@ class Surface:
     glow: object = None  # Blend, where its radiance varies; that is the mean then
 
 
-def surface_of(material, notes):
+def surface_of(material, pictures, notes):
     """@param material  None: Blender's default"""
     if material is None:
         return Surface(Bsdf("diffuse", 1, [0.8] * 3), np.zeros(3))
@@ -56,12 +56,12 @@ def surface_of(material, notes):
         notes.say(material.name, "the material's displacement is left out")
     if shader is None:
         return Surface(None, np.zeros(3), invisible=output_of(material.node_tree, "Volume") is not None)
-    return _Shader(material.name, notes).resolve(shader)
+    return _Shader(material.name, pictures, notes).resolve(shader)
 
 
 class _Shader:
-    def __init__(self, name, notes):
-        self._name, self._notes = name, notes
+    def __init__(self, name, pictures, notes):
+        self._name, self._pictures, self._notes = name, pictures, notes
         self._bsdfs, self._radiance = [], np.zeros(3)
         self._holdout = self._transparent = 0.0
         self._unsure = []  # what was taken for numbers that vary, which matters where a part is taken alone
@@ -70,6 +70,8 @@ class _Shader:
 
     def resolve(self, plug):
         self._collect(plug, 1.0, Share())
+        if LEAST < self._holdout < 1 - LEAST:
+            self._say(f"is a holdout by {self._holdout:.2g}: from a half on all of it is one; below that it is dimmed, and leaves no hole in alpha")
         if self._holdout >= 0.5:
             return Surface(None, np.zeros(3), holdout=True)
         bsdfs = sorted((b for b in self._bsdfs if b.weight > LEAST), key=lambda b: -b.weight)
@@ -144,16 +146,18 @@ class _Shader:
             self._lacks(plug, weight, share)
 
     def _leaf(self, plug):
-        """What is known of nodes without a point: all of an image; rays are the camera's, and they see the front."""
+        """What is known of nodes without a point: texels all over an image; rays are the camera's, and they see the front."""
         node = plug.node
         seen = self._rays(plug)
         if seen is not None:
             return seen
         if node.type != "TEX_IMAGE" or node.image is None:
             return None
+        picture = self._pictures.of(node.image)
         if plug.socket.name == "Alpha":
-            return alpha_of(node.image).ravel()
-        return texels_of(node, self._notes, self._name).reshape(-1, 3)
+            return picture.alpha_at(*picture.some())
+        picture.say_what_it_is(self._notes, self._name)
+        return picture.at(*picture.some(), is_cut(node, picture))
 
     def number(self, plug, say=None):
         """A number that is the same all over a surface. @param say  function of what was taken instead; says it unless given"""
@@ -162,7 +166,7 @@ class _Shader:
             value = np.asarray(Values(self._leaf).number(plug))
             if value.ndim == 0:
                 return float(value)
-        except (UnknownNode, NoPicture, ValueError) as unknown:
+        except (UnknownNode, ValueError) as unknown:
             default = getattr(plug.socket, "default_value", 0.0)
             say(f"has '{plug.socket.name}' from {unknown}; its value without, {default:.4g}, is taken")
             return float(default)
@@ -232,10 +236,8 @@ class _Shader:
         return as_the_camera_sees(plug, self._say)
 
     def _mean_of_image(self, plug):
-        seen = self._rays(plug)
-        if seen is not None or plug.node.type != "TEX_IMAGE" or plug.node.image is None or plug.socket.name == "Alpha":
-            return seen
-        return texels_of(plug.node, self._notes, self._name).reshape(-1, 3).mean(0)
+        value = self._leaf(plug)
+        return value.mean(0) if value is not None and plug.node.type == "TEX_IMAGE" else value
 
     def _transparency(self, plug, weight):
         self._transparent += weight
@@ -243,7 +245,7 @@ class _Shader:
         try:
             if np.ptp(np.asarray(Values(self._leaf).colour(plug.input("Color"))), axis=-1).max() > LEAST:
                 self._say("lets coloured light through, which is grey here")
-        except (UnknownNode, NoPicture):
+        except UnknownNode:
             pass  # what it is made of is said where it is computed
 
     def _hold(self, plug, weight):

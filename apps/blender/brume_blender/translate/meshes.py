@@ -36,6 +36,11 @@ class Geometry:
         mesh.calc_normals_split()
         return _read(mesh.loops, "normal", 3, np.float32)
 
+    def spanned(self):
+        """The volume that its triangles span, negative where they face inwards."""
+        a, b, c = ((self.points - self.points.mean(0)).astype(float)[self.vertices[:, i]] for i in range(3))
+        return np.einsum("ij,ij->i", a, np.cross(b, c)).sum() / 6
+
     def uv(self, name):
         """(loops, 2) of a UV map, the active one where the name is empty; None: there is none."""
         return self._uv.get(name or self._active_uv)

@@ -11,58 +11,126 @@ from .colour import linear_from_srgb
 LINEAR = ("Linear", "Linear Rec.709", "scene_linear", "Raw", "Non-Color", "Generic Data")
 DATA = ("Raw", "Non-Color", "Generic Data")
 SRGB = ("sRGB", "Filmic sRGB")
-
-
-class NoPicture(Exception):
-    """Why an image has no pixels."""
+MOST_SAMPLES = 1 << 18  # of a picture's texels, where a mean is asked for
+MAGENTA = [1, 0, 1, 1]  # Cycles' stand-in for images that are not there
 
 
 def is_linear(image):
     return image.colorspace_settings.name in LINEAR
 
 
-def is_cut(node):
-    """Whether the colours of an Image Texture are times the image's alpha: where its own Alpha is not used."""
-    image = node.image
-    own = image.channels == 4 and image.alpha_mode in ("STRAIGHT", "PREMUL") and image.colorspace_settings.name not in DATA
-    return own and not node.outputs["Alpha"].is_linked
+def is_cut(node, picture):
+    """Whether the colours of an Image Texture are times its picture's alpha: where its own Alpha is not used."""
+    own = picture.channels == 4 and picture.alpha_mode in ("STRAIGHT", "PREMUL") and picture.space not in DATA
+    return own and not next(output for output in node.outputs if output.name == "Alpha").is_linked
 
 
-def texels_of(node, notes, name):
-    """Colours of an Image Texture: linear RGB of (height, width, 3), the top row first. @throws NoPicture"""
-    return pixels_of(node.image, notes, name, is_cut(node))
+class Pictures:
+    """Of Blender's images, each read once, until it is forgotten or others need the room."""
+
+    MOST = 1 << 30  # bytes
+
+    def __init__(self):
+        self._known = {}  # by name, the latest last
+
+    def of(self, image):
+        """@param image  of Blender's, a Picture already, or None, of an Image Texture that has none"""
+        if image is None or isinstance(image, Picture):
+            return image or Picture(None)
+        picture = self._known.pop(image.name_full, None)
+        if picture is None or not picture.is_of(image):
+            picture = Picture(image)
+        self._known[image.name_full] = picture
+        total = 0
+        for name, other in reversed(list(self._known.items())):
+            total += other.bytes()
+            if total > self.MOST and other is not picture:
+                del self._known[name]
+        return picture
+
+    def forget(self, which):
+        """@param which  of them, by a function"""
+        self._known = {name: picture for name, picture in self._known.items() if not which(picture)}
 
 
-def pixels_of(image, notes, name, cut=False):
-    """Linear RGB of (height, width, 3), the top row first. @param cut  whether times alpha   @throws NoPicture"""
-    width, height = image.size
-    if width == 0 or height == 0 or image.channels == 0:
-        raise NoPicture(f"the image {image.name} has no pixels")
-    raw = np.empty(width * height * image.channels, np.float32)
-    image.pixels.foreach_get(raw)
-    raw = raw.reshape(height, width, image.channels)[::-1]
-    rgb = raw[..., :3] if image.channels >= 3 else np.repeat(raw[..., :1], 3, -1)
-    if cut and image.channels == 4 and not (image.is_float and image.alpha_mode == "PREMUL"):
-        rgb = rgb * raw[..., 3:]
-    space = image.colorspace_settings.name
-    # Pixels of bytes are in the file's colours, those of floats in the scene's.
-    if image.is_float or space in LINEAR:
-        return np.ascontiguousarray(rgb)
-    if space not in SRGB:
-        notes.say(name, f"the colour space {space} of the image {image.name} is taken as sRGB")
-    return linear_from_srgb(rgb).astype(np.float32)
+class Picture:
+    """An image of Blender's as it was when it was read: a thread may look at it while Blender's changes. Rows go from the top."""
+
+    def __init__(self, image):
+        (width, height), channels = (image.size, image.channels) if image is not None else ((0, 0), 0)  # which reads the file
+        self.is_missing = width * height * channels == 0
+        self.name, self._settings = image.name if image is not None else "", _settings_of(image)
+        self.size, self.channels, self._is_float, self.alpha_mode, self.space, self.moves = self._settings
+        if self.is_missing:
+            raw = np.array(MAGENTA, np.float32)
+        else:
+            raw = np.empty(width * height * channels, np.float32)
+            image.pixels.foreach_get(raw)
+        if not self._is_float:  # bytes in Blender, too
+            raw = (raw * 255 + 0.5).astype(np.uint8)
+        self._raw = raw.reshape(self.size[1], self.size[0], self.channels)[::-1]
+        self._linear = np.arange(256) / 255.0  # of a byte
+        if self.space not in LINEAR:
+            self._linear = linear_from_srgb(self._linear)
+        self._linear = self._linear.astype(np.float32)
+
+    def is_of(self, image):
+        return self._settings == _settings_of(image)
+
+    def bytes(self):
+        return self._raw.nbytes
+
+    def say_what_it_is(self, notes, name):
+        if self.is_missing:
+            notes.say(name, f"the image {self.name} is not there: it is magenta" if self.name else "an Image Texture has no image: it is magenta")
+        elif not self._is_float and self.space not in LINEAR and self.space not in SRGB:
+            notes.say(name, f"the colour space {self.space} of the image {self.name} is taken as sRGB")
+
+    def some(self):
+        """(rows, columns) of texels that are spread evenly: all of a small picture."""
+        width, height = self.size
+        step = max(int(np.ceil((width * height / MOST_SAMPLES) ** 0.5)), 1)
+        return tuple(a.ravel() for a in np.meshgrid(np.arange(0, height, step), np.arange(0, width, step), indexing="ij"))
+
+    def is_opaque(self):
+        return not self._has_alpha() or bool((self._raw[..., 3] >= (1.0 if self._is_float else 255)).all())
+
+    def looked_up(self, u, v, cut=False, repeat_v=False):
+        """Linear RGB between texels, (N, 3); u wraps around. @param v  0 at the bottom, 1 on top"""
+        return _between(lambda row, column: self.at(row, column, cut), *self.size, u, v, repeat_v)
+
+    def alpha_looked_up(self, u, v):
+        """(N,), repeated."""
+        return _between(lambda row, column: self.alpha_at(row, column)[..., None], *self.size, u, v, True)[..., 0]
+
+    def at(self, row, column, cut=False):
+        """Linear RGB of texels, (N, 3). @param cut  whether times alpha"""
+        raw = self._raw[row, column]
+        rgb = raw[..., :3] if self.channels >= 3 else np.repeat(raw[..., :1], 3, -1)
+        times_alpha = cut and self.channels == 4 and not (self._is_float and self.alpha_mode == "PREMUL")
+        if self._is_float:  # in the scene's colours
+            return rgb * raw[..., 3:] if times_alpha else rgb
+        if not times_alpha:
+            return self._linear[rgb]
+        rgb = rgb / np.float32(255) * (raw[..., 3:] / np.float32(255))
+        return rgb if self.space in LINEAR else linear_from_srgb(rgb).astype(np.float32)
+
+    def _has_alpha(self):
+        return self.channels == 4 and self.alpha_mode != "NONE"
+
+    def alpha_at(self, row, column):
+        """(N,)"""
+        if not self._has_alpha():
+            return np.ones(np.shape(row), np.float32)
+        alpha = self._raw[row, column, 3]
+        return alpha if self._is_float else alpha / np.float32(255)
 
 
-def alpha_of(image):
-    """Of (height, width), the top row first. @throws NoPicture"""
-    width, height = image.size
-    if width == 0 or height == 0 or image.channels == 0:
-        raise NoPicture(f"the image {image.name} has no pixels")
-    if image.channels != 4 or image.alpha_mode == "NONE":
-        return np.ones((height, width), np.float32)
-    raw = np.empty(width * height * 4, np.float32)
-    image.pixels.foreach_get(raw)
-    return np.ascontiguousarray(raw.reshape(height, width, 4)[::-1, :, 3])
+def _settings_of(image):
+    if image is None or image.size[0] * image.size[1] * image.channels == 0:
+        return (1, 1), 4, True, "STRAIGHT", "Linear", False
+    moves = image.source in ("SEQUENCE", "MOVIE")
+    return tuple(image.size), image.channels, image.is_float, image.alpha_mode, image.colorspace_settings.name, moves
 
 
 def file_of(image):
@@ -73,18 +141,17 @@ def file_of(image):
     return path if os.path.isfile(path) else None
 
 
-def looked_up(picture, u, v, repeat_v=False):
-    """Bilinear; u wraps around. @param v  0 at the bottom, 1 on top"""
-    height, width = picture.shape[:2]
+def _between(texel, width, height, u, v, repeat_v):
+    """Bilinear. @param texel  function of rows and columns: their values, (N, channels)"""
     x, y = (u - np.floor(u)) * width - 0.5, (1 - v) * height - 0.5
     x0, y0 = np.floor(x).astype(int), np.floor(y).astype(int)
     fx, fy = (x - x0)[..., None], (y - y0)[..., None]
 
-    def texel(dx, dy):
+    def at(dx, dy):
         row = (y0 + dy) % height if repeat_v else np.clip(y0 + dy, 0, height - 1)
-        return picture[row, (x0 + dx) % width]
+        return texel(row, (x0 + dx) % width)
 
-    return (texel(0, 0) * (1 - fx) + texel(1, 0) * fx) * (1 - fy) + (texel(0, 1) * (1 - fx) + texel(1, 1) * fx) * fy
+    return (at(0, 0) * (1 - fx) + at(1, 0) * fx) * (1 - fy) + (at(0, 1) * (1 - fx) + at(1, 1) * fx) * fy
 
 
 def write_exr(path, picture):

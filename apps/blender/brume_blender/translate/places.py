@@ -9,11 +9,14 @@ class Place:
     """@param thing  evaluated object   @param world  its matrix   @param box  (lowest, highest) corner of its texture space, or
     None: its own space is that   @param random_id  of its instance   @param depsgraph  that evaluates others
     @param trees  of shaders that have been read (frozen.frozen)
-    @param alone  what tells an instance from others that are alike, where it moves by itself; None: nothing has to"""
+    @param alone  what tells an instance from others that are alike, where it moves by itself; None: nothing has to
+    @param instancer  object that it is an instance of; None: it is none"""
 
-    def __init__(self, thing, world, depsgraph=None, box=None, random_id=0, alone=None, trees=None):
+    def __init__(self, thing, world, depsgraph=None, box=None, random_id=0, alone=None, trees=None, instancer=None):
         self._world, self.depsgraph, self._box = np.array(world), depsgraph, box
         self._colour, self._index = (tuple(thing.color), float(thing.pass_index)) if thing is not None else ((1, 1, 1, 1), 0.0)
+        self._properties = {**_properties_of(getattr(thing, "data", None)), **_properties_of(thing)}
+        self._instancers = self._properties if instancer is None else {**self._properties, **_properties_of(instancer)}
         self.trees = {} if trees is None else trees
         self._random = (random_id & 0xFFFFFFFF) / 0xFFFFFFFF  # Python has it signed
         self.alone = alone
@@ -26,7 +29,7 @@ class Place:
 
     def key(self):
         """Equal for places at which everything is the same."""
-        return self._world.tobytes(), self._colour, self._index, self._random
+        return self._world.tobytes(), self._colour, self._index, self._random, repr(self._properties), repr(self._instancers)
 
     def leaf(self, plug, points):
         """What an output is at points of the object's space, (N, 3); None: it is none of a place's. @throws UnknownNode"""
@@ -39,6 +42,10 @@ class Place:
         if node.type == "OBJECT_INFO":
             self.told = True
             return self._info(name)
+        if node.type == "ATTRIBUTE" and node.attribute_type in ("OBJECT", "INSTANCER"):
+            self.told = True
+            values = self._properties if node.attribute_type == "OBJECT" else self._instancers
+            return _attribute(values.get(node.attribute_name.removeprefix('["').removesuffix('"]'), (0.0,) * 4), plug)
         if node.type == "LIGHT_PATH":
             self.paths = True
             return 0.0
@@ -78,3 +85,28 @@ class Place:
 
 def _moved(matrix, points):
     return points @ matrix[:3, :3].T + matrix[:3, 3]
+
+
+def _properties_of(block):
+    """Of an object or its data, by name: numbers, vectors and colours as four numbers. Its own, and Blender's that artists use."""
+    if block is None:
+        return {}
+    values = {name: getattr(block, name) for name in ("color", "location", "scale", "rotation_euler", "pass_index") if hasattr(block, name)}
+    values.update(block.items())
+    return {name: own for name, value in values.items() if (own := _four_numbers(value)) is not None}
+
+
+def _four_numbers(value):
+    """None: it is nothing that shaders read."""
+    try:
+        own = [float(v) for v in value] if hasattr(value, "__len__") else [float(value)] * 3
+    except (TypeError, ValueError):
+        return None
+    return (*own, *(0.0, 0.0, 1.0)[len(own) - 4 :])[:4] if 1 < len(own) <= 4 else None
+
+
+def _attribute(value, plug):
+    """An Attribute node's output."""
+    if plug.socket.name == "Alpha":
+        return value[3]
+    return float(np.mean(value[:3])) if plug.socket.type == "VALUE" else np.array(value[:3])

@@ -33,6 +33,10 @@ class Share:
     def plugs(self):
         return [plug for plug, _ in self.terms]
 
+    def with_plugs(self, change):
+        """@param change  function of a plug: that which takes its place"""
+        return Share(tuple((change(plug), meant) for plug, meant in self.terms))
+
 
 class Blend:
     """A colour that is a sum of colours by their shares. @param parts  (Share, plug of a colour or three numbers, gain), ...
@@ -54,15 +58,19 @@ class Blend:
     def _sum(self, values, shared):
         total = np.zeros(3)
         for share, colour, gain in self.parts:
-            own = np.asarray(colour) if isinstance(colour, (list, np.ndarray)) else values.colour(colour)
+            own = np.asarray(colour) if _is_known(colour) else values.colour(colour)
             total = total + gain * np.asarray(shared(share).of(values))[..., None] * own
         return total
 
     def plugs(self):
         own = []
         for share, colour, _ in self.parts:
-            own += share.plugs() + ([] if isinstance(colour, (list, np.ndarray)) else [colour])
+            own += share.plugs() + ([] if _is_known(colour) else [colour])
         return own + (self._over.plugs() if self._over is not None else [])
+
+    def with_plugs(self, change):
+        parts = [(share.with_plugs(change), c if _is_known(c) else change(c), gain) for share, c, gain in self.parts]
+        return Blend(parts, self._over and self._over.with_plugs(change))
 
 
 class Rest:
@@ -78,3 +86,10 @@ class Rest:
 
     def plugs(self):
         return self._sum.plugs()
+
+    def with_plugs(self, change):
+        return Rest(self._sum.with_plugs(change).parts)
+
+
+def _is_known(colour):
+    return isinstance(colour, (list, np.ndarray))

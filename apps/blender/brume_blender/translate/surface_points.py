@@ -4,7 +4,7 @@ import numpy as np
 
 from .node_values import UnknownNode, Values
 from .nodes import as_the_camera_sees
-from .pictures import alpha_of, looked_up, texels_of
+from .pictures import is_cut
 
 
 class SurfacePoints:
@@ -13,7 +13,8 @@ class SurfacePoints:
     @param triangles  that hold the points, (N,)   @param weights  of their corners, (N, 3)
     @param place      of the mesh (places.Place)"""
 
-    def __init__(self, geometry, triangles, weights, place, notes, name):
+    def __init__(self, geometry, triangles, weights, place, pictures, notes, name):
+        self._pictures = pictures
         self._geometry, self._triangles, self._weights = geometry, triangles, weights
         self._place, self._notes, self._name = place, notes, name
         self._points = self._between(geometry.points[geometry.vertices[triangles]]).astype(float)
@@ -55,14 +56,16 @@ class SurfacePoints:
 
     def _image(self, plug):
         node = plug.node
-        if node.image is None or node.projection != "FLAT":
-            raise UnknownNode("Image Texture without an image, or a projection of it")
+        if node.projection != "FLAT":
+            raise UnknownNode(f"Image Texture ({node.projection.lower()})")
         vector = plug.input("Vector")
         uv = np.asarray(Values(self).colour(vector)) if vector.resolve().socket.is_output else self._uv("")
         uv = np.broadcast_to(uv, (len(self._points), 3))
+        picture = self._pictures.of(node.image)
         if plug.socket.name == "Alpha":
-            return looked_up(alpha_of(node.image)[..., None], uv[:, 0], uv[:, 1] % 1.0, repeat_v=True)[:, 0]
-        return looked_up(texels_of(node, self._notes, self._name), uv[:, 0], uv[:, 1] % 1.0, repeat_v=True)
+            return picture.alpha_looked_up(uv[:, 0], uv[:, 1] % 1.0)
+        picture.say_what_it_is(self._notes, self._name)
+        return picture.looked_up(uv[:, 0], uv[:, 1] % 1.0, is_cut(node, picture), repeat_v=True)
 
     def _attribute(self, name, plug):
         colours = self._geometry.colours(name)
@@ -80,17 +83,19 @@ class SurfacePoints:
 class Surface:
     """The triangles of a mesh that have one material."""
 
-    def __init__(self, geometry, chosen, key, place, notes, name):
+    def __init__(self, geometry, chosen, key, place, pictures, notes, name):
         """@param chosen  truth for each triangle   @param key  of geometry and triangles"""
-        self.triangles, self.key = np.flatnonzero(chosen), key
-        self._geometry, self._place, self._notes, self._name = geometry, place, notes, name
+        self.triangles, self.key, self.place = np.flatnonzero(chosen), key, place
+        self._geometry, self._pictures, self._notes, self._name = geometry, pictures, notes, name
 
     @property
     def count(self):
         return len(self.triangles)
 
-    def at(self, triangles, weights):
-        return SurfacePoints(self._geometry, triangles, weights, self._place, self._notes, self._name)
+    def at(self, triangles, weights, notes=None):
+        """@param notes  Notes of what is said of it; the surface's own unless given"""
+        notes = self._notes if notes is None else notes
+        return SurfacePoints(self._geometry, triangles, weights, self.place, self._pictures, notes, self._name)
 
     def spread(self, count):
         """(triangles, weights) of points on triangles chosen by chance."""

@@ -30,13 +30,13 @@ def mark_of(thing, view_layer, named):
 class Surfaces:
     """Writes each mesh once, however many instances it has."""
 
-    def __init__(self, folder, notes, view_layer, bake, instances, named=False):
-        """@param named  tables have the names of objects and materials, for mattes"""
+    def __init__(self, folder, notes, view_layer, bake, painter, instances, named=False):
+        """@param painter  of textures: painting.AtOnce or Beside   @param named  tables have the names of objects and materials, for mattes"""
         self._named = named
         self._bake = bake  # baking.bake, of a shader and its source
         self._instances = instances  # instances.Instances, for fog
         self._folder, self._notes, self._view_layer = folder, notes, view_layer
-        self._textures = Textures(folder, notes)
+        self._textures = Textures(folder, painter, notes)
         self._surfaces = {}
         self.any_catcher = False
 
@@ -94,7 +94,8 @@ class Surfaces:
             if material is not None and volume_shader_of([material]) is None:
                 self._notes.say(thing.name, "is transparent, which is left out as if it were not there")
             return []
-        where = Surface(geometry, part[2], (key, part[0]), place, self._notes, material.name if material is not None else "")
+        name = material.name if material is not None else ""
+        where = Surface(geometry, part[2], (key, part[0]), place, self._folder.pictures, self._notes, name)
         looks = self._looks_of(thing, where, surface, material, geometry)
         path = self._mesh(thing, key, geometry, part, next((look.texture for look in looks.values() if look.texture), None))
         table = Table("[[surfaces]]").set(file=self._folder.named(path), object_to_world=matrices[0])
@@ -112,7 +113,7 @@ class Surfaces:
             if surface.radiance.any():
                 table.set(radiance=looks["radiance"].colour, two_sided=not geometry.closed)
             for key, look in looks.items():
-                if look.texture is not None:
+                if look.texture is not None and look.texture.path is not None:
                     table.set(**{key + "_texture": self._folder.named(look.texture.path)})
         self._set_role(table, thing, surface)
         if self._named:
@@ -124,7 +125,7 @@ class Surfaces:
     def _surface_of(self, material):
         key = material.name_full if material is not None else None
         if key not in self._surfaces:
-            self._surfaces[key] = surface_of(material, self._notes)
+            self._surfaces[key] = surface_of(material, self._folder.pictures, self._notes)
         return self._surfaces[key]
 
     def _looks_of(self, thing, where, surface, material, geometry):
@@ -135,11 +136,8 @@ class Surfaces:
         looks = {
             "albedo": Look(surface.bsdf.colour, surface.bsdf.gain),
             "alpha": Look(surface.alpha or [1.0]),
-            "radiance": Look(surface.glow or surface.radiance),
+            "radiance": Look(surface.glow or surface.radiance, is_light=True),
         }
-        if surface.glow is not None:
-            peak = np.maximum(self._textures.peak(surface.glow, name, where), 1e-9)
-            looks["radiance"] = Look(surface.glow, 1 / peak, peak)
         for look in looks.values():
             look.find(self._textures.of, name, where)
         if len({look.texture.placement() for look in looks.values() if look.texture is not None}) > 1:
@@ -193,17 +191,16 @@ class Surfaces:
 
 class Look:
     """A number or colour of a surface. @param what  three numbers, one, or a plug, Blend or Rest
-    @param gain  on it   @param scale  on what it is then"""
+    @param gain  on it   @param is_light  whether it may exceed 1"""
 
-    def __init__(self, what, gain=1.0, scale=1.0):
-        self._what, self._gain, self._scale = what, gain, scale
+    def __init__(self, what, gain=1.0, is_light=False):
+        self._what, self._gain, self._is_light = what, gain, is_light
         self.colour, self.texture = what, None  # a picture multiplies the colour
 
     def find(self, of, name, where):
         """@param of  Textures.of or baked   @param where  surface_points.Surface"""
         if not isinstance(self._what, (list, np.ndarray)):
-            colour, self.texture = of(self._what, self._gain, name, where)
-            self.colour = self._scale * colour
+            self.colour, self.texture = of(self._what, self._gain, name, where, self._is_light)
 
 
 def _set_material(table, surface, colour):

@@ -4,9 +4,13 @@ from dataclasses import dataclass
 
 import numpy as np
 
+from .beside import Pending
+from .frozen import frozen, images_read
 from .node_values import UnknownNode, Values
 from .nodes import as_the_camera_sees, signature
-from .pictures import NoPicture, alpha_of, file_of, is_cut, is_linear, texels_of, write_exr
+from .notes import Notes
+from .painting import Painting
+from .pictures import file_of, is_cut, is_linear
 
 PROBES = 2048  # points by which colours are told apart
 TEXELS = 1 << 18  # of a picture of triangles, unless these are more
@@ -26,17 +30,20 @@ class Atlas:
     def key(self):
         return self._count, self._n
 
-    def points(self, triangles):
-        """(triangles, weights of their corners) of the texels, triangle by triangle. @param triangles  their numbers"""
-        steps = np.arange(self._n) / (self._n - 1)
-        v, u = (a.ravel() for a in np.meshgrid(steps, steps, indexing="ij"))
-        return np.repeat(triangles, self._n**2), np.tile(np.stack([1 - u - v, u, v], -1), (len(triangles), 1))
+    @property
+    def size(self):
+        """(width, height) of the picture."""
+        return self._across * self._n, self._down * self._n
 
-    def picture(self, colours):
-        n, across, down = self._n, self._across, self._down
-        cells = np.zeros((across * down, n, n, 3), np.float32)
-        cells[: self._count] = colours.reshape(-1, n, n, 3)
-        return cells.reshape(down, across, n, n, 3).transpose(0, 2, 1, 3, 4).reshape(down * n, across * n, 3)
+    def points(self, triangles, first, last):
+        """(triangles, weights of their corners) of the picture's texels from one to another, row by row; those that belong to no
+        triangle are the last one's. @param triangles  their numbers"""
+        n = self._n
+        row, column = np.divmod(np.arange(first, last), self._across * n)
+        (cell_y, y), (cell_x, x) = np.divmod(row, n), np.divmod(column, n)
+        v, u = y / (n - 1), x / (n - 1)
+        cell = np.minimum(cell_y * self._across + cell_x, self._count - 1)
+        return triangles[cell], np.stack([1 - u - v, u, v], -1)
 
     def uv(self):
         """Of the triangles' corners, (triangles, 3, 2)."""
@@ -50,9 +57,12 @@ class Atlas:
 
 @dataclass
 class Texture:
-    """A picture, and where it lies: uv = matrix * map(uv) + offset, or by an atlas of the triangles."""
+    """A picture, and where it lies: uv = matrix * map(uv) + offset, or by an atlas of the triangles. It is to be multiplied by
+    a number."""
 
-    path: str
+    path: str  # None: it is being painted
+    peak: float = 1.0
+    moves: bool = False  # from frame to frame, of itself
     uv_map: str = ""
     matrix: np.ndarray = None
     offset: np.ndarray = None
@@ -66,43 +76,35 @@ class Texture:
 class Textures:
     """Pictures of a render, each written once."""
 
-    def __init__(self, folder, notes):
-        self._folder, self._notes = folder, notes
-        self._written = folder.written
+    def __init__(self, folder, painter, notes):
+        """@param painter  painting.AtOnce or Beside"""
+        self._folder, self._painter, self._notes = folder, painter, notes
+        self._written, self._pictures = folder.written, folder.pictures
 
-    def of(self, plug, gain, name, surface):
-        """(colour, Texture or None) of a colour.
+    def of(self, plug, gain, name, surface, is_light=False):
+        """(colour, Texture or None) of a colour. While a picture is being painted, its mean.
         @param plug  of it, or a Blend or Rest of shares.py
-        @param gain  on it   @param surface  surface_points.Surface, for what is no picture"""
-        wanted = _Wanted(plug)
+        @param gain  on it   @param surface  surface_points.Surface, for what is no picture   @param is_light  it may exceed 1"""
+        wanted = _Wanted(plug, is_light)
         try:
             colour = np.asarray(wanted.of(Values(self._rays(name))))
             if colour.ndim == 1:
-                return np.clip(gain * colour, 0, 1), None
+                return wanted.clipped(gain * colour), None
         except UnknownNode:
             pass
         try:
-            return np.ones(3), self._texture(wanted, gain, name)
-        except (UnknownNode, NoPicture):
+            return self._texture(wanted, gain, name, surface)
+        except UnknownNode:
             return self._baked(wanted, gain, name, surface)
 
-    def baked(self, plug, gain, name, surface):
+    def baked(self, plug, gain, name, surface, is_light=False):
         """As of(), in texels of each triangle for itself, so that several lie alike."""
-        return self._baked(_Wanted(plug), gain, name, surface)
+        return self._baked(_Wanted(plug, is_light), gain, name, surface)
 
     def probed(self, plug, name, surface):
         """Its colours at points chosen by chance, (N, 3)."""
-        stand_in = lambda p, _: STAND_IN if p.socket.type == "VALUE" else np.full(3, STAND_IN)  # noqa: E731
         triangles, weights = surface.spread(PROBES)
-        return np.broadcast_to(_Wanted(plug).of(Values(surface.at(triangles, weights), stand_in)), (len(triangles), 3))
-
-    def peak(self, plug, name, surface):
-        """(3,): what no channel of it exceeds, as far as is known: of images exactly, of others by points chosen by chance."""
-        try:
-            values = _Wanted(plug).of(Values(self._texels([], name)))
-            return np.atleast_2d(values).max(0)
-        except (UnknownNode, NoPicture):
-            return 1.25 * self.probed(plug, name, surface).max(0)
+        return np.broadcast_to(_Wanted(plug).of(Values(surface.at(triangles, weights), _stand_in)), (len(triangles), 3))
 
     def _rays(self, name):
         """Leaves that are known without a point."""
@@ -113,62 +115,88 @@ class Textures:
 
         def stand_in(p, lacking):
             stand_ins.append(lacking)
-            return STAND_IN if p.socket.type == "VALUE" else np.full(3, STAND_IN)
+            return _stand_in(p, lacking)
 
-        def colours(triangles, weights):
-            values = wanted.of(Values(surface.at(triangles, weights), stand_in))
-            return np.clip(gain * np.broadcast_to(values, (len(triangles), 3)), 0, 1).astype(np.float32)
-
-        probed = colours(*surface.spread(PROBES))
+        triangles, weights = surface.spread(PROBES)
+        values = wanted.of(Values(surface.at(triangles, weights), stand_in))
+        probed = wanted.clipped(gain * np.broadcast_to(values, (len(triangles), 3))).astype(np.float32)
         if stand_ins:
             what = f"the material's {wanted.name} depends on {stand_ins[0]}, which brume lacks"
             self._notes.say(name, f"{what}; {STAND_IN} is taken for it")
         if np.ptp(probed, axis=0).max() < 1e-6:
             return probed[0].astype(float), None
         key = (*surface.key, wanted.key(), probed.tobytes(), tuple(np.broadcast_to(gain, 3)))
-        if key not in self._written:
-            atlas = Atlas(surface.count, TEXELS)
-            path = self._folder.new(".exr", "texture", name)
-            write_exr(path, atlas.picture(colours(*atlas.points(surface.triangles))))
-            self._written[key] = Texture(path, atlas=atlas)
-        return np.ones(3), self._written[key]
+        atlas = Atlas(surface.count, TEXELS)
 
-    def _texture(self, wanted, gain, name):
-        """@throws UnknownNode, NoPicture"""
+        def painting():
+            frozen_ = wanted.frozen(surface.place, self._pictures)
+
+            def colours(first, last):
+                at = surface.at(*atlas.points(surface.triangles, first, last), Notes())
+                return gain * np.broadcast_to(frozen_.of(Values(at, _stand_in)), (last - first, 3))
+
+            return Painting(atlas.size, colours, wanted.is_light)
+
+        return self._painted(key, ("texture", name), painting, Texture(None, atlas=atlas, moves=wanted.moves()), probed)
+
+    def _texture(self, wanted, gain, name, surface):
+        """@throws UnknownNode: it is not of one image"""
         found = []
         key = (wanted.key(), tuple(np.broadcast_to(gain, 3)), *wanted.signatures())
         if key in self._written:
-            return self._written[key]
-        colours = wanted.of(Values(self._texels(found, name)))
+            return np.full(3, self._written[key].peak), self._written[key]
+        values = wanted.of(Values(self._texels(found, name, lambda p: p.some())))
         image_plug = found[0]
-        node, image = image_plug.node, image_plug.node.image
+        node, picture = image_plug.node, self._pictures.of(image_plug.node.image)
         self._say_settings(node, name)
         uv_map, matrix, offset = self._coordinates(image_plug)
-        path = file_of(image)
-        direct = np.all(gain == 1) and wanted.is_just(image_plug) and path is not None and _read_alike(image, path)
-        direct = direct and not (is_cut(node) and alpha_of(image).min() < 1)
-        if not direct:
-            path = self._folder.new(".exr", "texture", image.name)
-            width, height = image.size
-            write_exr(path, np.clip(gain * colours, 0, 1).reshape(height, width, 3))
-        self._written[key] = Texture(path, uv_map, matrix, offset)
-        return self._written[key]
+        made = Texture(None, uv_map=uv_map, matrix=matrix, offset=offset, moves=picture.moves)
+        path = file_of(node.image)
+        direct = np.all(gain == 1) and wanted.is_just(image_plug) and path is not None and _read_alike(node.image, path)
+        if direct and not (wanted.is_light and node.image.is_float) and (not is_cut(node, picture) or picture.is_opaque()):
+            made.path = path
+            return np.ones(3), self._written.setdefault(key, made)
 
-    def _texels(self, found, name):
-        """Leaves at all texels of one image. @param found  plugs of it, which are added"""
-        other = self._rays(name)
+        def painting():
+            frozen_ = wanted.frozen(surface.place, self._pictures)
+
+            def colours(first, last):
+                texels = lambda _: np.divmod(np.arange(first, last), picture.size[0])  # noqa: E731
+                values = frozen_.of(Values(self._texels([], name, texels, Notes())))
+                return gain * np.broadcast_to(values, (last - first, 3))
+
+            return Painting(picture.size, colours, wanted.is_light)
+
+        return self._painted(key, ("texture", picture.name), painting, made, wanted.clipped(gain * np.atleast_2d(values)))
+
+    def _painted(self, key, names, painting, made, values):
+        """(colour, Texture). @param made  the Texture without its path   @param values  some of what is painted, (N, 3)"""
+        if key not in self._written:
+            try:
+                made.path, made.peak = self._painter.painted(key, names, painting)
+            except Pending:
+                return values.mean(0).astype(float), made
+            self._written[key] = made
+        return np.full(3, self._written[key].peak), self._written[key]
+
+    def _texels(self, found, name, texels, notes=None):
+        """Leaves at texels of one image. @param found  plugs of it, which are added   @param texels  function of its Picture: rows
+        and columns"""
+        notes = self._notes if notes is None else notes
 
         def leaves(p):
             if p.node.type != "TEX_IMAGE":
-                return other(p)
+                return as_the_camera_sees(p, lambda text: notes.say(name, "the material " + text))
             if p.node.image is None:
-                raise NoPicture("an Image Texture without an image")
+                raise UnknownNode("an Image Texture without an image")
             if found and (p.node.image != found[0].node.image or not _lie_alike(p, found[0])):
                 raise UnknownNode("several images")
             found.append(p)
+            picture = self._pictures.of(p.node.image)
             if p.socket.name == "Alpha":
-                return alpha_of(p.node.image).ravel()
-            return texels_of(p.node, self._notes, name).reshape(-1, 3)
+                return picture.alpha_at(*texels(picture))
+            picture.say_what_it_is(notes, name)
+            return picture.at(*texels(picture), is_cut(p.node, picture))
 
         return leaves
 
@@ -209,28 +237,52 @@ class Textures:
         return maps.pop(), matrix, offset
 
 
-class _Wanted:
-    """A colour that nodes compute. @param what  its plug, or a Blend or Rest"""
+def _stand_in(plug, lacking):
+    """For nodes without a counterpart."""
+    return STAND_IN if plug.socket.type == "VALUE" else np.full(3, STAND_IN)
 
-    def __init__(self, what):
-        self._what, self._blended = what, hasattr(what, "plugs")
+
+class _Wanted:
+    """A colour that nodes compute. @param what  its plug, or a Blend or Rest   @param is_light  it may exceed 1"""
+
+    def __init__(self, what, is_light=False):
+        self._what, self._blended, self.is_light = what, hasattr(what, "plugs"), is_light
         self._plugs = what.plugs() if self._blended else [what]
         self.name = "mixture" if self._blended else f"'{what.socket.name}'"
 
     def of(self, values):
         return self._what.of(values) if self._blended else values.colour(self._what)
 
+    def clipped(self, values):
+        return np.maximum(values, 0) if self.is_light else np.clip(values, 0, 1)
+
+    def frozen(self, place, pictures):
+        """The same, for other threads. @param pictures  pictures.Pictures"""
+        change = lambda plug: frozen(plug, place.depsgraph, place.trees)  # noqa: E731
+        made = _Wanted(self._what.with_plugs(change) if self._blended else change(self._what), self.is_light)
+        images_read(place.trees, pictures)
+        return made
+
+    def moves(self):
+        """Whether it shows images that are others at other frames."""
+        nodes = [node for plug in self._plugs for tree in _trees_of(plug) for node in tree.nodes]
+        images = [node.image for node in nodes if getattr(node, "image", None) is not None]
+        return any(image.source in ("SEQUENCE", "MOVIE") for image in images)
+
     def key(self):
         plugs = self._plugs if self._blended else [self._what.resolve()]
         return (type(self._what).__name__, *(plug.key() for plug in plugs))
 
     def signatures(self):
-        heres = [plug.resolve() for plug in self._plugs]
-        return [signature(node.id_data) for here in heres for node in (here.node, *here.groups)]
+        return [signature(tree) for plug in self._plugs for tree in _trees_of(plug.resolve())]
 
     def is_just(self, plug):
         """Whether it is what an output of an image is."""
         return not self._blended and self._what.resolve().key() == plug.key() and plug.socket.name != "Alpha"
+
+
+def _trees_of(plug):
+    return [node.id_data for node in (plug.node, *plug.groups)]
 
 
 def _lie_alike(a, b):

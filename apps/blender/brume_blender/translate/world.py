@@ -4,14 +4,20 @@ import math
 
 import numpy as np
 
+from .beside import Pending
+from .frozen import frozen, images_read
 from .node_values import UnknownNode, Values
 from .nodes import output_of, signature, tree_of
-from .pictures import NoPicture, file_of, is_linear, looked_up, pixels_of, write_exr
+from .notes import Notes
+from .painting import Painting
+from .pictures import file_of, is_linear
 from .sky import sky_tables
+from .textures import Texture
 from .toml_text import Table
 
 BAKED = (1024, 512)  # of a world that is computed
 LARGEST = (8192, 4096)
+PROBES = 512  # directions at which it is looked at first
 
 
 def world_of(depsgraph, scene, layer):
@@ -20,8 +26,8 @@ def world_of(depsgraph, scene, layer):
     return world.evaluated_get(depsgraph) if world is not None and layer.use_sky else None
 
 
-def world_tables(depsgraph, scene, layer, folder, notes):
-    """[environment], and lights that a sky brings. @param layer  the view layer"""
+def world_tables(depsgraph, scene, layer, folder, painter, notes):
+    """[environment], and lights that a sky brings. @param layer  the view layer   @param painter  painting.AtOnce or Beside"""
     table = Table("[environment]")
     world, lights = world_of(depsgraph, scene, layer), []
     tree = tree_of(world) if world is not None else None
@@ -29,7 +35,7 @@ def world_tables(depsgraph, scene, layer, folder, notes):
     if world is not None and tree is None:
         table.set(radiance=world.color)
     elif shader is not None:
-        lights = _Background(world, folder, notes).fill(table, shader)
+        lights = _Background(world, depsgraph, folder, painter, notes).fill(table, shader)
     if world is not None:
         _say_the_rest(world, notes)
     visible = getattr(getattr(world, "cycles_visibility", None), "camera", True)
@@ -50,8 +56,9 @@ def _say_the_rest(world, notes):
 class _Background:
     """Of a world's shader."""
 
-    def __init__(self, world, folder, notes):
-        self._world, self._folder, self._notes = world, folder, notes
+    def __init__(self, world, depsgraph, folder, painter, notes):
+        self._name = world.name
+        self._world, self._depsgraph, self._folder, self._painter, self._notes = world, depsgraph, folder, painter, notes
 
     def fill(self, table, shader):
         """Returns lights."""
@@ -121,8 +128,8 @@ class _Background:
         vector = colour.input("Vector")
         if vector.resolve().socket.is_output:
             try:
-                axes = Values(_Directions(np.eye(3), self)).colour(vector)
-                turned = Values(_Directions(-np.eye(3), self)).colour(vector)
+                axes = Values(_Directions(np.eye(3))).colour(vector)
+                turned = Values(_Directions(-np.eye(3))).colour(vector)
             except UnknownNode:
                 return False
             if np.shape(axes) != (3, 3) or np.abs(axes + turned).max() > 1e-5 or np.abs(axes @ axes.T - np.eye(3)).max() > 1e-5:
@@ -140,33 +147,45 @@ class _Background:
         for image in _images(self._world.node_tree):
             if image.size[0] > width:
                 width, height = min(image.size[0], LARGEST[0]), min(image.size[0] // 2, LARGEST[1])
+        try:
+            seen = self._computed(shader, np.random.default_rng(1).normal(size=(PROBES, 3)), self._notes)
+        except UnknownNode as unknown:
+            self._notes.say(self._world.name, f"depends on {unknown}, which brume lacks; it is black")
+            return
         key = ("world", signature(self._world.node_tree))
         if key not in self._folder.written:
-            self._folder.written[key] = self._written(shader, width, height)
-        if self._folder.written[key] is not None:
-            table.set(file=self._folder.named(self._folder.written[key]), radiance=[1, 1, 1])
-            self._notes.say(self._world.name, f"its nodes are taken as a picture of {width} x {height}")
+            try:
+                path, peak = self._painter.painted(key, ("world",), lambda: self._painting(shader, width, height))
+            except Pending:
+                table.set(radiance=seen.mean(0))
+                return
+            moves = any(image.source in ("SEQUENCE", "MOVIE") for image in _images(self._world.node_tree))
+            self._folder.written[key] = Texture(path, peak, moves)
+        written = self._folder.written[key]
+        table.set(file=self._folder.named(written.path), radiance=[written.peak] * 3)
+        self._notes.say(self._world.name, f"its nodes are taken as a picture of {width} x {height}")
 
-    def _written(self, shader, width, height):
-        """Path of the picture; None: the world is black."""
-        theta = (np.arange(height) + 0.5) / height * math.pi
-        phi = (np.arange(width) + 0.5) / width * 2 * math.pi - math.pi
-        # Brume's lat-long pictures: the middle faces +y, right of it is +x.
-        sines = np.sin(theta)[:, None]
-        directions = np.stack(
-            [sines * np.sin(phi), sines * np.cos(phi), np.broadcast_to(np.cos(theta)[:, None], (height, width))], -1
-        ).reshape(-1, 3)
-        try:
-            radiance = self._radiance(shader, Values(_Directions(directions, self)))
-        except (UnknownNode, NoPicture) as unknown:
-            self._notes.say(self._world.name, f"depends on {unknown}, which brume lacks; it is black")
-            return None
-        radiance = np.broadcast_to(radiance, (width * height, 3)).reshape(height, width, 3)
-        path = self._folder.new(".exr", "world")
-        write_exr(path, np.maximum(radiance, 0))
-        return path
+    def _painting(self, shader, width, height):
+        trees = {}
+        frozen_ = frozen(shader, self._depsgraph, trees)
+        images_read(trees, self._folder.pictures)
 
-    def environment(self, plug, direction):
+        def radiance(first, last):
+            row, column = np.divmod(np.arange(first, last), width)
+            theta, phi = (row + 0.5) / height * math.pi, (column + 0.5) / width * 2 * math.pi - math.pi
+            # Brume's lat-long pictures: the middle faces +y, right of it is +x.
+            directions = np.stack([np.sin(theta) * np.sin(phi), np.sin(theta) * np.cos(phi), np.cos(theta)], -1)
+            return self._computed(frozen_, directions, Notes())
+
+        return Painting((width, height), radiance, is_light=True)
+
+    def _computed(self, shader, directions, notes):
+        """(N, 3). @throws UnknownNode"""
+        directions = directions / np.linalg.norm(directions, axis=-1, keepdims=True)
+        leaves = _Directions(directions, lambda plug, direction: self._environment(plug, direction, notes))
+        return np.maximum(np.broadcast_to(self._radiance(shader, Values(leaves)), directions.shape), 0)
+
+    def _environment(self, plug, direction, notes):
         """Of an Environment Texture."""
         node = plug.node
         if node.image is None:
@@ -175,7 +194,9 @@ class _Background:
             raise UnknownNode(f"Environment Texture ({node.projection.lower()})")
         x, y, z = (direction[..., c] for c in range(3))
         u, v = 0.5 - np.arctan2(y, x) / (2 * math.pi), np.arctan2(z, np.hypot(x, y)) / math.pi + 0.5
-        return looked_up(pixels_of(node.image, self._notes, self._world.name), u, v)
+        picture = self._folder.pictures.of(node.image)
+        picture.say_what_it_is(notes, self._name)
+        return picture.looked_up(u, v)
 
 
 def _images(tree):
@@ -203,11 +224,12 @@ class _LightPath:
 
 
 class _Directions(_LightPath):
-    """Leaves of a world's shader, for some directions."""
+    """Leaves of a world's shader, for some directions. @param environment  function of an
+    Environment Texture's plug, and directions; None: there is none"""
 
-    def __init__(self, directions, background):
+    def __init__(self, directions, environment=None):
         super().__init__(0.0)
-        self._directions, self._background = directions, background
+        self._directions, self._environment = directions, environment
 
     def generated(self):
         return self._directions
@@ -220,9 +242,9 @@ class _Directions(_LightPath):
             return self._directions
         if node.type == "NEW_GEOMETRY" and plug.socket.name in ("Normal", "True Normal", "Incoming"):
             return -self._directions
-        if node.type == "TEX_ENVIRONMENT":
+        if node.type == "TEX_ENVIRONMENT" and self._environment is not None:
             vector = plug.input("Vector")
             linked = vector.resolve().socket.is_output
             direction = Values(self).colour(vector) if linked else self._directions
-            return self._background.environment(plug, direction)
+            return self._environment(plug, direction)
         return super().__call__(plug)
