@@ -8,7 +8,6 @@
 namespace brume {
 namespace {
 
-constexpr float kThinStep = 0.01f;      // opacity of steps that are joined
 constexpr float kBoundOfOne = 6.4e-3f;  // over the most parts: of transmittance, and of light as a share of the pixel's
 constexpr double kSameDepth = 0.02;     // of the distance: hits of one surface in one pixel that are one point
 constexpr size_t kKnots = 6;            // for each part that there may be
@@ -53,19 +52,6 @@ Inside inside(const DeepPart& part, float before, float z) {
 }
 
 }  // namespace
-
-void DeepSteps::add(float begin, float end, float w, float left) {
-  if (!steps.empty() && steps.size() > unlit) {
-    Step& last = steps.back();
-    if (last.end == begin && last.w + w < kThinStep) {
-      last.end = end;
-      last.w += w;
-      last.left = left;
-      return;
-    }
-  }
-  steps.push_back({begin, end, left, w});
-}
 
 void DeepSteps::light_up(float end, float w, const vec3& light) {
   for (; unlit < steps.size() && steps[unlit].end <= end; ++unlit)
@@ -219,11 +205,12 @@ DeepPixels::Piece DeepPixels::piece(size_t from, size_t to) {
   return {from, to, largest(errors_.data(), between)};
 }
 
-/// The knot where a piece is farthest from what lies between its ends.
-size_t DeepPixels::worst_of(const Piece& p) {
-  const size_t between = compare(p.from, p.to);
-  return p.from + 1 +
-         static_cast<size_t>(std::find(errors_.begin(), errors_.begin() + between, p.error) - errors_.begin());
+/// The same, and the knot where it is farthest from what lies between its ends.
+DeepPixels::Piece DeepPixels::cuttable_piece(size_t from, size_t to) {
+  Piece p = piece(from, to);
+  const auto inside = errors_.begin() + static_cast<std::ptrdiff_t>(to - from - 1);
+  p.worst = from + 1 + static_cast<size_t>(std::find(errors_.begin(), inside, p.error) - errors_.begin());
+  return p;
 }
 
 /// By how much the piece's transmittance is too large where that is farthest off.
@@ -286,7 +273,7 @@ std::vector<DeepPart> DeepPixels::mean(std::span<const std::vector<DeepPart>> pi
   pieces_.clear();
   size_t parts = 0;
   const auto add = [&](size_t from, size_t to) {
-    const Piece p = piece(from, to);
+    const Piece p = cuttable_piece(from, to);
     if (is_empty(p)) return;
     ++parts;
     pieces_.push_back(p);
@@ -309,9 +296,8 @@ std::vector<DeepPart> DeepPixels::mean(std::span<const std::vector<DeepPart>> pi
     const Piece cut = *worst;
     pieces_.erase(worst);
     --parts;
-    const size_t knot = worst_of(cut);
-    add(cut.from, knot);
-    add(knot, cut.to);
+    add(cut.from, cut.worst);
+    add(cut.worst, cut.to);
   }
   std::sort(pieces_.begin(), pieces_.end(), [](const Piece& a, const Piece& b) { return a.from < b.from; });
   if (parts >= most) {
@@ -319,6 +305,7 @@ std::vector<DeepPart> DeepPixels::mean(std::span<const std::vector<DeepPart>> pi
     share_errors();
   }
   std::vector<DeepPart> result;
+  result.reserve(pieces_.size());
   for (const Piece& p : pieces_) {
     const Knot &a = knots_[p.from], &b = knots_[p.to];
     if (result.size() >= most) {  // more points than parts

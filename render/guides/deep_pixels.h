@@ -18,6 +18,7 @@ struct DeepSteps {
     float w = 0;    ///< transmittance that it takes: guides' w (docs/guides.md)
     vec3 light{0};  ///< predicted, that it sends to the eye
   };
+  static constexpr float kThinStep = 0.01f;  ///< opacity of steps that are joined
   std::vector<Step> steps;
   size_t unlit = 0;  ///< steps from here on have got no scattered light yet
 
@@ -26,7 +27,18 @@ struct DeepSteps {
     unlit = 0;
   }
   /// Adds a step, or makes the last one longer where both together take next to nothing.
-  void add(float begin, float end, float w, float left);
+  void add(float begin, float end, float w, float left) {
+    if (steps.size() > unlit) {
+      Step& last = steps.back();
+      if (last.end == begin && last.w + w < kThinStep) {
+        last.end = end;
+        last.w += w;
+        last.left = left;
+        return;
+      }
+    }
+    steps.push_back({begin, end, left, w});
+  }
   /// Gives light to the steps up to a place in proportion to what they take. @param w  what they take together
   void light_up(float end, float w, const vec3& light);
 };
@@ -84,7 +96,8 @@ class DeepPixels {
   /// A part of the deep pixel that stands for all knots from one to another.
   struct Piece {
     size_t from, to;
-    float error;  ///< the largest difference from a knot in between
+    float error;       ///< the largest difference from a knot in between
+    size_t worst = 0;  ///< that knot, where it is known
   };
   /// What ends rays at nearly the same depth.
   struct Hit {
@@ -97,7 +110,7 @@ class DeepPixels {
   void add_up(std::span<const std::vector<DeepPart>> pixels);
   size_t compare(size_t from, size_t to);
   Piece piece(size_t from, size_t to);
-  size_t worst_of(const Piece& piece);
+  Piece cuttable_piece(size_t from, size_t to);
   float above_of(const Piece& piece);
   bool is_empty(const Piece& piece) const;
   void even_out();

@@ -184,7 +184,7 @@ TEST(ViewServer, KeepsTheLookThatAPageSays) {
 }
 
 TEST(ViewServer, MixesLightGroups) {
-  const Running r({}, {"render.light_groups=true"});
+  const Running r(web::ServerOptions{}, {"render.light_groups=true"});
   Page page(r);
   json mixed = look(3);
   mixed["mix"] = {{"sun", 0.5}, {"sky", {1, 2, 3}}};
