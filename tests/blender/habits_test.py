@@ -22,7 +22,7 @@ def grids(s, density=1.0, **inputs):
 
 
 def fog_in_the_second_slot(b):
-    box = b.mesh("cube", "Box", diffuse("Paint", (0.7, 0.3, 0.1)), size=1.4)
+    box = b.mesh("cube", "Box", diffuse("Paint", (0.7, 0.3, 0.1)), size=1.2)
     box.data.materials.append(fog(2))
     for face in box.data.polygons:
         face.material_index = face.index % 2

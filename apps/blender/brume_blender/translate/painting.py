@@ -8,7 +8,7 @@ import numpy as np
 from .beside import Cancelled, Failure, Pending
 from .pictures import write_exr
 
-STEP = 1 << 14  # texels at once
+STEP = 1 << 13  # texels at once
 
 
 class Painting:
@@ -25,13 +25,12 @@ class Painting:
         for first in range(0, len(picture), STEP):
             check()
             last = min(first + STEP, len(picture))
-            picture[first:last] = np.maximum(self._computed(first, last), 0)
-        peak = float(max(picture.max(), 1e-9)) if self._is_light else 1.0
+            picture[first:last] = np.clip(self._computed(first, last), 0, None if self._is_light else 1)
+        peak = 1.0
         if self._is_light:
+            peak = float(max(picture.max(), 1e-9))
             picture /= peak
-        else:
-            np.minimum(picture, 1, out=picture)
-        write_exr(path, picture.reshape(height, width, 3))
+        write_exr(path, picture.reshape(height, width, 3), check)
         return peak
 
 

@@ -1,5 +1,6 @@
 """Pictures as arrays: Blender's images, files that brume reads, look-ups."""
 
+import contextlib
 import os
 import struct
 
@@ -12,6 +13,7 @@ LINEAR = ("Linear", "Linear Rec.709", "scene_linear", "Raw", "Non-Color", "Gener
 DATA = ("Raw", "Non-Color", "Generic Data")
 SRGB = ("sRGB", "Filmic sRGB")
 MOST_SAMPLES = 1 << 18  # of a picture's texels, where a mean is asked for
+WRITTEN_AT_ONCE = 1 << 19  # texels that are written at once
 MAGENTA = [1, 0, 1, 1]  # Cycles' stand-in for images that are not there
 
 
@@ -67,7 +69,9 @@ class Picture:
             raw = np.empty(width * height * channels, np.float32)
             image.pixels.foreach_get(raw)
         if not self._is_float:  # bytes in Blender, too
-            raw = (raw * 255 + 0.5).astype(np.uint8)
+            raw *= 255
+            raw += 0.5
+            raw = raw.astype(np.uint8)
         self._raw = raw.reshape(self.size[1], self.size[0], self.channels)[::-1]
         self._linear = np.arange(256) / 255.0  # of a byte
         if self.space not in LINEAR:
@@ -154,10 +158,38 @@ def _between(texel, width, height, u, v, repeat_v):
     return (at(0, 0) * (1 - fx) + at(1, 0) * fx) * (1 - fy) + (at(0, 1) * (1 - fx) + at(1, 1) * fx) * fy
 
 
-def write_exr(path, picture):
-    """Linear RGB of (height, width, 3), the top row first, as floats without compression."""
+def write_exr(path, picture, check=lambda: None):
+    """Linear RGB of (height, width, 3), the top row first, as floats without compression. @param check  called several times a
+    second; may throw, which leaves no file"""
     height, width = picture.shape[:2]
+    try:
+        with open(path, "wb") as out:
+            header = _exr_header(width, height)
+            line = 8 + 12 * width
+            offsets = len(header) + 8 * height + line * np.arange(height, dtype="<u8")
+            out.write(header + offsets.tobytes())
+            band = max(WRITTEN_AT_ONCE // width, 1)
+            for first in range(0, height, band):
+                check()
+                out.write(_scan_lines(picture[first : first + band], first))
+    except BaseException:
+        with contextlib.suppress(FileNotFoundError):
+            os.remove(path)
+        raise
 
+
+def _scan_lines(picture, first):
+    """Of rows from a number on: each one's number, size and channels."""
+    height, width = picture.shape[:2]
+    rows = np.empty((height, 8 + 12 * width), np.uint8)
+    rows[:, :4] = np.arange(first, first + height, dtype="<i4")[:, None].view(np.uint8)
+    rows[:, 4:8] = np.frombuffer(struct.pack("<i", 12 * width), np.uint8)
+    planes = np.ascontiguousarray(picture[:, :, ::-1].transpose(0, 2, 1), "<f4")
+    rows[:, 8:] = planes.reshape(height, -1).view(np.uint8)
+    return rows.data
+
+
+def _exr_header(width, height):
     def attribute(name, kind, data):
         return name.encode() + b"\0" + kind.encode() + b"\0" + struct.pack("<i", len(data)) + data
 
@@ -168,13 +200,4 @@ def write_exr(path, picture):
     header += attribute("dataWindow", "box2i", window) + attribute("displayWindow", "box2i", window)
     header += attribute("lineOrder", "lineOrder", b"\0") + attribute("pixelAspectRatio", "float", struct.pack("<f", 1))
     header += attribute("screenWindowCenter", "v2f", struct.pack("<ff", 0, 0))
-    header += attribute("screenWindowWidth", "float", struct.pack("<f", 1)) + b"\0"
-    line = 8 + 12 * width
-    rows = np.empty((height, line), np.uint8)
-    rows[:, :4] = np.arange(height, dtype="<i4")[:, None].view(np.uint8)
-    rows[:, 4:8] = np.frombuffer(struct.pack("<i", 12 * width), np.uint8)
-    planes = np.ascontiguousarray(picture[:, :, ::-1].transpose(0, 2, 1), "<f4")
-    rows[:, 8:] = planes.reshape(height, -1).view(np.uint8)
-    offsets = len(header) + 8 * height + line * np.arange(height, dtype="<u8")
-    with open(path, "wb") as out:
-        out.write(header + offsets.tobytes() + rows.tobytes())
+    return header + attribute("screenWindowWidth", "float", struct.pack("<f", 1)) + b"\0"
