@@ -1,7 +1,6 @@
 #pragma once
 #include <cstdint>
 #include <functional>
-#include <optional>
 #include <span>
 #include <utility>
 #include <vector>
@@ -26,6 +25,12 @@ struct alignas(64) InstanceNode {
   bool of_instances = false;
 };
 
+/// A ray from where it comes into the box around all instances.
+struct SearchRay {
+  dvec3 o, d;
+  double size;  ///< largest coordinate of that box
+};
+
 /// All places where one medium stands, under a tree of boxes: what a ray costs follows how many it meets.
 class Instances {
  public:
@@ -44,25 +49,21 @@ class Instances {
   size_t thickest() const { return thickest_; }
   bool tinted() const { return tinted_; }
   size_t bytes() const {
-    return all_.size() * (sizeof(Instance) + sizeof(Around)) + nodes_.size() * sizeof(InstanceNode) +
-           (order_.size() + listed_.size()) * sizeof(uint32_t);
+    return all_.size() * (sizeof(Instance) + sizeof(uint32_t)) + nodes_.size() * sizeof(InstanceNode);
   }
 
-  /// Where a ray comes into an instance's box: its ray parameter, at least 0.
+  /// Where a ray comes into the world box around an instance: at least 0, counted from `begin`.
   struct Met {
-    double t = -1;
+    float t = -1;
     uint32_t number = 0;
     bool operator<(const Met& other) const { return t < other.t || (t == other.t && number < other.number); }
   };
-  /// The first instances that a world ray meets before t_max and after another one, in order.
-  /// @return how many; fewer than there is room for where no more are met
-  size_t next(const Ray& ray, double t_max, const Met& after, std::span<Met> found) const;
-  /// Those whose boxes overlap that of one; nothing where they are too many to be listed.
-  std::optional<std::span<const uint32_t>> around(size_t number) const {
-    const Around& own = around_[number];
-    if (own.count > kMostAround) return std::nullopt;
-    return std::span(listed_).subspan(own.first, own.count);
-  }
+  /// The ray parameter at which a world ray comes into the box around all; not a number where it never does.
+  double begin(const Ray& ray) const;
+  /// The first instances whose world boxes a ray meets before t_max and after another one, in order. Some of them it
+  /// misses: what it meets in their own coordinates is left to whoever takes it there.
+  /// @param begin  of the ray   @return  how many; fewer than there is room for where no more are met
+  size_t next(const Ray& ray, double begin, double t_max, const Met& after, std::span<Met> found) const;
   /// Whether a ray meets any.
   bool meets(const Ray& ray, double t_max) const;
 
@@ -71,7 +72,6 @@ class Instances {
   void each_met(const Ray& ray, double t_max, const Visit& visit) const {
     each_box(ray, t_max, [&](size_t i) {
       if (const auto [t0, t1] = part(i, ray, t_max); t0 < t1) visit(i);
-      return t_max;
     });
   }
   /// Calls visit(number) for all whose boxes hold a point.
@@ -91,28 +91,20 @@ class Instances {
   std::pair<double, double> part(size_t number, const Ray& ray, double t_max) const;
 
  private:
-  static constexpr size_t kMostAround = 12;
-  struct Around {
-    uint32_t first = 0, count = 0;  // in listed_; count: more than kMostAround are not listed
-  };
-  /// Calls visit(number) for all whose world boxes a ray meets before t_max, the nearest nodes of the tree first, and
-  /// maybe for a few more.
-  /// @param visit  returns the ray parameter beyond which no more are wanted
-  void each_box(const Ray& ray, double t_max, const std::function<double(size_t)>& visit) const;
+  /// Calls visit(number) for all whose world boxes a ray meets before t_max, and maybe for a few more.
+  void each_box(const Ray& ray, double t_max, const std::function<void(size_t)>& visit) const;
   /// The same for those that overlap another box.
   void each_box(const dvec3& lo, const dvec3& hi, const std::function<void(size_t)>& visit) const;
+  SearchRay search_ray(const Ray& ray, double begin) const;
   using Boxes = std::vector<std::pair<vec3, vec3>>;
   void build(uint32_t number, size_t begin, size_t end, const Boxes& boxes);
   void divide(size_t begin, size_t end, size_t most, const Boxes& boxes, std::vector<size_t>& ends);
-  void list_neighbours(const Boxes& boxes);
 
   std::vector<Instance> all_;
   std::vector<InstanceNode> nodes_;
   std::vector<uint32_t> order_;  // of the instances under the nodes
-  std::vector<Around> around_;   // by instance
-  std::vector<uint32_t> listed_;
   dvec3 local_lo_, local_hi_, lo_{0}, hi_{0};
-  double voxel_size_ = 0;
+  double voxel_size_ = 0, size_ = 0;  // size_: largest coordinate of the box around all
   size_t thickest_ = 0;
   bool tinted_ = false;
 };
