@@ -4,14 +4,20 @@
 #include <array>
 #include <cmath>
 #include <limits>
+#include <tuple>
 
 #include "volume/instance_search.h"
 
 namespace brume {
 namespace {
 
-// The lower faces of boxes that no ray meets; the upper ones are the opposite.
-constexpr float kNowhere = 1e30f;
+/// A box that no ray meets.
+std::pair<vec3, vec3> nowhere() {
+  return {vec3(1e30f), vec3(-1e30f)};
+}
+
+// Instances up to which each has a list of those that overlap it: 20 MB of them.
+constexpr size_t kMostWithNeighbours = 32768;
 
 /// A ray parameter counted from another one.
 float limit_of(double t, double begin) {
@@ -68,6 +74,7 @@ Instances::Instances(std::vector<Instance> all, const dvec3& lo, const dvec3& hi
   size_ = max_component(glm::max(glm::abs(lo_), glm::abs(hi_)));
   nodes_.emplace_back();
   build(0, 0, all_.size(), boxes);
+  if (all_.size() <= kMostWithNeighbours) list_neighbours(boxes);
 }
 
 /// Orders a range of instances so that those of each part, of `most` or, the last, less, stand together: halved again
@@ -113,17 +120,36 @@ void Instances::build(uint32_t number, size_t begin, size_t end, const Boxes& bo
   InstanceNode& node = nodes_[number];
   node.first = first;
   node.of_instances = most == 1;
-  for (size_t k = 0; k < kWide; ++k) {
-    vec3 lo(kNowhere), hi(-kNowhere);
+  node.fill([&](size_t k) {
+    std::pair<vec3, vec3> box = nowhere();
     if (k < ends.size())
       for (size_t i = part_begin(k); i < ends[k]; ++i) {
-        lo = glm::min(lo, boxes[order_[i]].first);
-        hi = glm::max(hi, boxes[order_[i]].second);
+        box.first = glm::min(box.first, boxes[order_[i]].first);
+        box.second = glm::max(box.second, boxes[order_[i]].second);
       }
-    for (int a = 0; a < 3; ++a) node.face[0][a][k] = lo[a], node.face[1][a][k] = hi[a];
-  }
+    return box;
+  });
   if (most > 1)
     for (size_t k = 0; k < ends.size(); ++k) build(first + static_cast<uint32_t>(k), part_begin(k), ends[k], boxes);
+}
+
+void Instances::list_neighbours(const Boxes& boxes) {
+  neighbours_.resize(all_.size());
+  for (size_t i = 0; i < all_.size(); ++i) {
+    Neighbours& own = neighbours_[i];
+    std::tie(own.lo, own.hi) = boxes[i];
+    std::vector<uint32_t> overlap;
+    each_near(dvec3(own.lo), dvec3(own.hi), [&](size_t k) {
+      if (glm::all(glm::lessThanEqual(boxes[k].first, own.hi)) &&
+          glm::all(glm::greaterThanEqual(boxes[k].second, own.lo)))
+        overlap.push_back(static_cast<uint32_t>(k));
+    });
+    own.known = overlap.size() <= InstanceNode::kWide;
+    if (!own.known) continue;
+    own.node.of_instances = true;
+    own.node.fill([&](size_t k) { return k < overlap.size() ? boxes[overlap[k]] : nowhere(); });
+    std::copy(overlap.begin(), overlap.end(), own.number.begin());
+  }
 }
 
 std::pair<double, double> Instances::part(size_t number, const Ray& ray, double t_max) const {
@@ -173,6 +199,18 @@ void Instances::each_box(const dvec3& lo, const dvec3& hi, const std::function<v
 size_t Instances::next(const Ray& ray, double begin, double t_max, const Met& after, std::span<Met> found) const {
   if (!(begin <= t_max)) return 0;
   return nearest_instances(nodes_, order_, search_ray(ray, begin), limit_of(t_max, begin), after, found);
+}
+
+size_t Instances::next_from(size_t number, const Ray& ray, double t_max, const Met& after, std::span<Met> found) const {
+  const auto inside = [&](const dvec3& p) {
+    const Neighbours& own = neighbours_[number];
+    return glm::all(glm::greaterThanEqual(p, dvec3(own.lo))) && glm::all(glm::lessThanEqual(p, dvec3(own.hi)));
+  };
+  if (neighbours_.empty() || !neighbours_[number].known || !std::isfinite(t_max) || !inside(ray.o) ||
+      !inside(ray.at(t_max)))
+    return next(ray, begin(ray), t_max, after, found);
+  const Neighbours& own = neighbours_[number];
+  return nearest_instances({&own.node, 1}, own.number, search_ray(ray, 0), limit_of(t_max, 0), after, found);
 }
 
 bool Instances::meets(const Ray& ray, double t_max) const {

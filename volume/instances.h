@@ -1,4 +1,5 @@
 #pragma once
+#include <array>
 #include <cstdint>
 #include <functional>
 #include <span>
@@ -23,6 +24,15 @@ struct alignas(64) InstanceNode {
                             ///< there are not, the lower ones lie beyond the upper ones, so that nothing meets them
   uint32_t first = 0;  ///< what the first box is of: a node, or a place in the order of instances; the others follow
   bool of_instances = false;
+
+  /// @param box  (k): the lower and upper corner of the k-th box
+  template <class Box>
+  void fill(const Box& box) {
+    for (size_t k = 0; k < kWide; ++k) {
+      const auto [lo, hi] = box(k);
+      for (int a = 0; a < 3; ++a) face[0][a][k] = lo[a], face[1][a][k] = hi[a];
+    }
+  }
 };
 
 /// A ray from where it comes into the box around all instances.
@@ -49,7 +59,8 @@ class Instances {
   size_t thickest() const { return thickest_; }
   bool tinted() const { return tinted_; }
   size_t bytes() const {
-    return all_.size() * (sizeof(Instance) + sizeof(uint32_t)) + nodes_.size() * sizeof(InstanceNode);
+    return all_.size() * (sizeof(Instance) + sizeof(uint32_t)) + nodes_.size() * sizeof(InstanceNode) +
+           neighbours_.size() * sizeof(Neighbours);
   }
 
   /// Where a ray comes into the world box around an instance: at least 0, counted from `begin`.
@@ -64,6 +75,9 @@ class Instances {
   /// misses: what it meets in their own coordinates is left to whoever takes it there.
   /// @param begin  of the ray   @return  how many; fewer than there is room for where no more are met
   size_t next(const Ray& ray, double begin, double t_max, const Met& after, std::span<Met> found) const;
+  /// The same of a ray that begins in the world box around one of them: where it ends in there, too, those that overlap
+  /// it are all that it can meet.
+  size_t next_from(size_t number, const Ray& ray, double t_max, const Met& after, std::span<Met> found) const;
   /// Whether a ray meets any.
   bool meets(const Ray& ray, double t_max) const;
 
@@ -96,13 +110,22 @@ class Instances {
   /// The same for those that overlap another box.
   void each_box(const dvec3& lo, const dvec3& hi, const std::function<void(size_t)>& visit) const;
   SearchRay search_ray(const Ray& ray, double begin) const;
+  /// What overlaps an instance, itself included.
+  struct Neighbours {
+    InstanceNode node;
+    std::array<uint32_t, InstanceNode::kWide> number;
+    vec3 lo, hi;  // the instance's world box
+    bool known;   // false where they are more than a node holds
+  };
   using Boxes = std::vector<std::pair<vec3, vec3>>;
+  void list_neighbours(const Boxes& boxes);
   void build(uint32_t number, size_t begin, size_t end, const Boxes& boxes);
   void divide(size_t begin, size_t end, size_t most, const Boxes& boxes, std::vector<size_t>& ends);
 
   std::vector<Instance> all_;
   std::vector<InstanceNode> nodes_;
-  std::vector<uint32_t> order_;  // of the instances under the nodes
+  std::vector<uint32_t> order_;         // of the instances under the nodes
+  std::vector<Neighbours> neighbours_;  // by instance; of all or none
   dvec3 local_lo_, local_hi_, lo_{0}, hi_{0};
   double voxel_size_ = 0, size_ = 0;  // size_: largest coordinate of the box around all
   size_t thickest_ = 0;

@@ -60,7 +60,9 @@ class InstanceVisits {
     double begin;  // Instances::begin
   };
   static void search(const Instances& instances, OfRay& own, const Ray& ray, double end) {
-    own.count = static_cast<uint32_t>(instances.next(ray, own.begin, end, own.last, own.met));
+    own.count = static_cast<uint32_t>(
+        own.first >= 0 ? instances.next_from(static_cast<size_t>(own.first), ray, end, own.last, own.met)
+                       : instances.next(ray, own.begin, end, own.last, own.met));
     own.at = 0;
   }
   std::array<OfRay, kPool> rays_;
