@@ -5,6 +5,7 @@
 #include <hwy/foreach_target.h>
 #include <hwy/highway.h>
 
+#include <algorithm>
 #include <array>
 #include <bit>
 #include <cmath>
@@ -66,8 +67,9 @@ class WideSlabs {
 // More than nodes that wait at a time: fifteen of each of eight levels.
 constexpr size_t kMostWaiting = 160;
 
-void AlongRay(std::span<const InstanceNode> nodes, const SearchRay& ray, float limit,
-              const std::function<float(size_t)>& visit) {
+/// Calls visit(place in the order of instances, t), which returns a new limit, the nearest nodes first.
+template <class Visit>
+HWY_INLINE void along_ray(std::span<const InstanceNode> nodes, const SearchRay& ray, float limit, const Visit& visit) {
   const WideSlabs slabs(ray);
   struct Waiting {
     uint32_t node;
@@ -83,7 +85,10 @@ void AlongRay(std::span<const InstanceNode> nodes, const SearchRay& ray, float l
     const InstanceNode& node = nodes[from.node];
     uint32_t bits = slabs.meets(node, limit, t);
     if (node.of_instances) {
-      for (; bits; bits &= bits - 1) limit = visit(node.first + static_cast<size_t>(std::countr_zero(bits)));
+      for (; bits; bits &= bits - 1) {
+        const auto k = static_cast<size_t>(std::countr_zero(bits));
+        limit = visit(node.first + k, t[k]);
+      }
       continue;
     }
     for (const size_t own = waiting; bits; bits &= bits - 1) {
@@ -93,6 +98,30 @@ void AlongRay(std::span<const InstanceNode> nodes, const SearchRay& ray, float l
       stack[place] = {node.first + k, t[k]};
     }
   }
+}
+
+void AlongRay(std::span<const InstanceNode> nodes, const SearchRay& ray, float limit,
+              const std::function<void(size_t)>& visit) {
+  along_ray(nodes, ray, limit, [&](size_t place, float) {
+    visit(place);
+    return limit;
+  });
+}
+
+size_t Nearest(std::span<const InstanceNode> nodes, std::span<const uint32_t> order, const SearchRay& ray, float limit,
+               const Instances::Met& after, std::span<Instances::Met> found) {
+  size_t count = 0;
+  along_ray(nodes, ray, limit, [&](size_t place, float t) {
+    const Instances::Met met{t, order[place]};
+    const bool full = count == found.size();
+    if (after < met && !(full && found[count - 1] < met)) {
+      size_t at = full ? count - 1 : count++;
+      for (; at > 0 && met < found[at - 1]; --at) found[at] = found[at - 1];
+      found[at] = met;
+    }
+    return count == found.size() ? std::min(limit, found[count - 1].t) : limit;
+  });
+  return count;
 }
 
 /// Bits of a node's boxes that overlap another one.
@@ -134,11 +163,17 @@ HWY_AFTER_NAMESPACE();
 namespace brume {
 
 HWY_EXPORT(AlongRay);
+HWY_EXPORT(Nearest);
 HWY_EXPORT(InBox);
 
 void search_instances(std::span<const InstanceNode> nodes, const SearchRay& ray, float limit,
-                      const std::function<float(size_t)>& visit) {
+                      const std::function<void(size_t)>& visit) {
   HWY_DYNAMIC_DISPATCH(AlongRay)(nodes, ray, limit, visit);
+}
+
+size_t nearest_instances(std::span<const InstanceNode> nodes, std::span<const uint32_t> order, const SearchRay& ray,
+                         float limit, const Instances::Met& after, std::span<Instances::Met> found) {
+  return HWY_DYNAMIC_DISPATCH(Nearest)(nodes, order, ray, limit, after, found);
 }
 
 void search_instances(std::span<const InstanceNode> nodes, const vec3& lo, const vec3& hi,

@@ -1,16 +1,28 @@
 #include "volume/instances.h"
 
 #include <algorithm>
+#include <array>
 #include <cmath>
 #include <limits>
+#include <tuple>
 
 #include "volume/instance_search.h"
 
 namespace brume {
 namespace {
 
-// The lower faces of boxes that no ray meets; the upper ones are the opposite.
-constexpr float kNowhere = 1e30f;
+/// A box that no ray meets.
+std::pair<vec3, vec3> nowhere() {
+  return {vec3(1e30f), vec3(-1e30f)};
+}
+
+// Instances up to which each has a list of those that overlap it: 20 MB of them.
+constexpr size_t kMostWithNeighbours = 32768;
+
+/// A ray parameter counted from another one.
+float limit_of(double t, double begin) {
+  return static_cast<float>(std::clamp(t - begin, 0.0, 1e30));
+}
 
 /// A box in single precision around one in double precision.
 std::pair<vec3, vec3> rounded_outwards(const dvec3& lo, const dvec3& hi) {
@@ -21,18 +33,6 @@ std::pair<vec3, vec3> rounded_outwards(const dvec3& lo, const dvec3& hi) {
     box.second[a] = static_cast<float>(hi[a] + std::abs(hi[a]) * 0x1p-22);
   }
   return box;
-}
-
-/// The parameter at which a ray comes into a box; not a number, which is not below any other, where it never does.
-double enters(const Ray& ray, const dvec3& lo, const dvec3& hi) {
-  double t0 = 0, t1 = std::numeric_limits<double>::infinity();
-  for (int a = 0; a < 3; ++a) {
-    // Not a number where the ray lies in a face, which then says nothing.
-    const double inverse = 1 / ray.d[a], x = (lo[a] - ray.o[a]) * inverse, y = (hi[a] - ray.o[a]) * inverse;
-    t0 = std::max(t0, std::min(x, y));
-    t1 = std::min(t1, std::max(x, y));
-  }
-  return t0 <= t1 ? t0 : std::numeric_limits<double>::quiet_NaN();
 }
 
 /// A world box around an instance's local one.
@@ -71,9 +71,10 @@ Instances::Instances(std::vector<Instance> all, const dvec3& lo, const dvec3& hi
     lo_ = glm::min(lo_, dvec3(from));
     hi_ = glm::max(hi_, dvec3(to));
   }
+  size_ = max_component(glm::max(glm::abs(lo_), glm::abs(hi_)));
   nodes_.emplace_back();
   build(0, 0, all_.size(), boxes);
-  list_neighbours(boxes);
+  if (all_.size() <= kMostWithNeighbours) list_neighbours(boxes);
 }
 
 /// Orders a range of instances so that those of each part, of `most` or, the last, less, stand together: halved again
@@ -119,30 +120,35 @@ void Instances::build(uint32_t number, size_t begin, size_t end, const Boxes& bo
   InstanceNode& node = nodes_[number];
   node.first = first;
   node.of_instances = most == 1;
-  for (size_t k = 0; k < kWide; ++k) {
-    vec3 lo(kNowhere), hi(-kNowhere);
+  node.fill([&](size_t k) {
+    std::pair<vec3, vec3> box = nowhere();
     if (k < ends.size())
       for (size_t i = part_begin(k); i < ends[k]; ++i) {
-        lo = glm::min(lo, boxes[order_[i]].first);
-        hi = glm::max(hi, boxes[order_[i]].second);
+        box.first = glm::min(box.first, boxes[order_[i]].first);
+        box.second = glm::max(box.second, boxes[order_[i]].second);
       }
-    for (int a = 0; a < 3; ++a) node.face[0][a][k] = lo[a], node.face[1][a][k] = hi[a];
-  }
+    return box;
+  });
   if (most > 1)
     for (size_t k = 0; k < ends.size(); ++k) build(first + static_cast<uint32_t>(k), part_begin(k), ends[k], boxes);
 }
 
 void Instances::list_neighbours(const Boxes& boxes) {
+  neighbours_.resize(all_.size());
   for (size_t i = 0; i < all_.size(); ++i) {
-    Around& own = around_.emplace_back(Around{static_cast<uint32_t>(listed_.size()), 0});
-    const dvec3 lo(boxes[i].first), hi(boxes[i].second);
-    each_near(lo, hi, [&](size_t k) {
-      const bool overlap = glm::all(glm::lessThanEqual(dvec3(boxes[k].first), hi)) &&
-                           glm::all(glm::greaterThanEqual(dvec3(boxes[k].second), lo));
-      if (k == i || !overlap) return;
-      if (++own.count <= kMostAround) listed_.push_back(static_cast<uint32_t>(k));
+    Neighbours& own = neighbours_[i];
+    std::tie(own.lo, own.hi) = boxes[i];
+    std::vector<uint32_t> overlap;
+    each_near(dvec3(own.lo), dvec3(own.hi), [&](size_t k) {
+      if (glm::all(glm::lessThanEqual(boxes[k].first, own.hi)) &&
+          glm::all(glm::greaterThanEqual(boxes[k].second, own.lo)))
+        overlap.push_back(static_cast<uint32_t>(k));
     });
-    if (own.count > kMostAround) listed_.resize(own.first);
+    own.known = overlap.size() <= InstanceNode::kWide;
+    if (!own.known) continue;
+    own.node.of_instances = true;
+    own.node.fill([&](size_t k) { return k < overlap.size() ? boxes[overlap[k]] : nowhere(); });
+    std::copy(overlap.begin(), overlap.end(), own.number.begin());
   }
 }
 
@@ -162,14 +168,27 @@ std::pair<double, double> Instances::part(size_t number, const Ray& ray, double 
   return {t0, t1};
 }
 
-void Instances::each_box(const Ray& ray, double t_max, const std::function<double(size_t)>& visit) const {
-  const double begin = enters(ray, lo_, hi_);
-  if (!(begin <= t_max)) return;
-  // Counted from where the ray comes into the box of all, single precision is as fine as that box.
-  const auto limit = [&](double t) { return static_cast<float>(std::clamp(t - begin, 0.0, 1e30)); };
-  const double size = max_component(glm::max(glm::abs(lo_), glm::abs(hi_)));
-  search_instances(nodes_, {ray.at(begin), ray.d, size}, limit(t_max),
-                   [&](size_t place) { return limit(visit(order_[place])); });
+double Instances::begin(const Ray& ray) const {
+  if (glm::all(glm::greaterThanEqual(ray.o, lo_)) && glm::all(glm::lessThanEqual(ray.o, hi_))) return 0;
+  double t0 = 0, t1 = std::numeric_limits<double>::infinity();
+  for (int a = 0; a < 3; ++a) {
+    // Not a number where the ray lies in a face, which then says nothing.
+    const double inverse = 1 / ray.d[a], x = (lo_[a] - ray.o[a]) * inverse, y = (hi_[a] - ray.o[a]) * inverse;
+    t0 = std::max(t0, std::min(x, y));
+    t1 = std::min(t1, std::max(x, y));
+  }
+  return t0 <= t1 ? t0 : std::numeric_limits<double>::quiet_NaN();
+}
+
+// Counted from where the ray comes into the box of all, single precision is as fine as that box.
+SearchRay Instances::search_ray(const Ray& ray, double begin) const {
+  return {begin > 0 ? ray.at(begin) : ray.o, ray.d, size_};
+}
+
+void Instances::each_box(const Ray& ray, double t_max, const std::function<void(size_t)>& visit) const {
+  const double from = begin(ray);
+  if (!(from <= t_max)) return;
+  search_instances(nodes_, search_ray(ray, from), limit_of(t_max, from), [&](size_t place) { visit(order_[place]); });
 }
 
 void Instances::each_box(const dvec3& lo, const dvec3& hi, const std::function<void(size_t)>& visit) const {
@@ -177,29 +196,34 @@ void Instances::each_box(const dvec3& lo, const dvec3& hi, const std::function<v
   search_instances(nodes_, from, to, [&](size_t place) { visit(order_[place]); });
 }
 
-size_t Instances::next(const Ray& ray, double t_max, const Met& after, std::span<Met> found) const {
-  size_t count = 0;
-  each_box(ray, t_max, [&](size_t number) {
-    const auto bound = [&] { return count < found.size() ? t_max : found[count - 1].t; };
-    const auto [t0, t1] = part(number, ray, t_max);
-    const Met met{t0, static_cast<uint32_t>(number)};
-    if (!(t0 < t1) || !(after < met)) return bound();
-    size_t at = count;
-    while (at > 0 && met < found[at - 1]) --at;
-    if (at == found.size()) return bound();
-    if (count < found.size()) ++count;
-    std::copy_backward(found.begin() + static_cast<std::ptrdiff_t>(at),
-                       found.begin() + static_cast<std::ptrdiff_t>(count - 1),
-                       found.begin() + static_cast<std::ptrdiff_t>(count));
-    found[at] = met;
-    return bound();
-  });
-  return count;
+size_t Instances::next(const Ray& ray, double begin, double t_max, const Met& after, std::span<Met> found) const {
+  if (!(begin <= t_max)) return 0;
+  return nearest_instances(nodes_, order_, search_ray(ray, begin), limit_of(t_max, begin), after, found);
+}
+
+size_t Instances::next_from(size_t number, const Ray& ray, double t_max, const Met& after, std::span<Met> found) const {
+  const auto inside = [&](const dvec3& p) {
+    const Neighbours& own = neighbours_[number];
+    return glm::all(glm::greaterThanEqual(p, dvec3(own.lo))) && glm::all(glm::lessThanEqual(p, dvec3(own.hi)));
+  };
+  if (neighbours_.empty() || !neighbours_[number].known || !std::isfinite(t_max) || !inside(ray.o) ||
+      !inside(ray.at(t_max)))
+    return next(ray, begin(ray), t_max, after, found);
+  const Neighbours& own = neighbours_[number];
+  return nearest_instances({&own.node, 1}, own.number, search_ray(ray, 0), limit_of(t_max, 0), after, found);
 }
 
 bool Instances::meets(const Ray& ray, double t_max) const {
-  std::array<Met, 1> first;
-  return next(ray, t_max, {}, first) > 0;
+  const double from = begin(ray);
+  std::array<Met, 4> some;
+  Met last;
+  for (;;) {
+    const size_t count = next(ray, from, t_max, last, some);
+    for (const Met& met : std::span(some).first(count))
+      if (const auto [t0, t1] = part(met.number, ray, t_max); t0 < t1) return true;
+    if (count < some.size()) return false;
+    last = some.back();
+  }
 }
 
 }  // namespace brume

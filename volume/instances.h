@@ -1,7 +1,7 @@
 #pragma once
+#include <array>
 #include <cstdint>
 #include <functional>
-#include <optional>
 #include <span>
 #include <utility>
 #include <vector>
@@ -24,6 +24,21 @@ struct alignas(64) InstanceNode {
                             ///< there are not, the lower ones lie beyond the upper ones, so that nothing meets them
   uint32_t first = 0;  ///< what the first box is of: a node, or a place in the order of instances; the others follow
   bool of_instances = false;
+
+  /// @param box  (k): the lower and upper corner of the k-th box
+  template <class Box>
+  void fill(const Box& box) {
+    for (size_t k = 0; k < kWide; ++k) {
+      const auto [lo, hi] = box(k);
+      for (int a = 0; a < 3; ++a) face[0][a][k] = lo[a], face[1][a][k] = hi[a];
+    }
+  }
+};
+
+/// A ray from where it comes into the box around all instances.
+struct SearchRay {
+  dvec3 o, d;
+  double size;  ///< largest coordinate of that box
 };
 
 /// All places where one medium stands, under a tree of boxes: what a ray costs follows how many it meets.
@@ -44,25 +59,25 @@ class Instances {
   size_t thickest() const { return thickest_; }
   bool tinted() const { return tinted_; }
   size_t bytes() const {
-    return all_.size() * (sizeof(Instance) + sizeof(Around)) + nodes_.size() * sizeof(InstanceNode) +
-           (order_.size() + listed_.size()) * sizeof(uint32_t);
+    return all_.size() * (sizeof(Instance) + sizeof(uint32_t)) + nodes_.size() * sizeof(InstanceNode) +
+           neighbours_.size() * sizeof(Neighbours);
   }
 
-  /// Where a ray comes into an instance's box: its ray parameter, at least 0.
+  /// Where a ray comes into the world box around an instance: at least 0, counted from `begin`.
   struct Met {
-    double t = -1;
+    float t = -1;
     uint32_t number = 0;
     bool operator<(const Met& other) const { return t < other.t || (t == other.t && number < other.number); }
   };
-  /// The first instances that a world ray meets before t_max and after another one, in order.
-  /// @return how many; fewer than there is room for where no more are met
-  size_t next(const Ray& ray, double t_max, const Met& after, std::span<Met> found) const;
-  /// Those whose boxes overlap that of one; nothing where they are too many to be listed.
-  std::optional<std::span<const uint32_t>> around(size_t number) const {
-    const Around& own = around_[number];
-    if (own.count > kMostAround) return std::nullopt;
-    return std::span(listed_).subspan(own.first, own.count);
-  }
+  /// The ray parameter at which a world ray comes into the box around all; not a number where it never does.
+  double begin(const Ray& ray) const;
+  /// The first instances whose world boxes a ray meets before t_max and after another one, in order. Some of them it
+  /// misses: what it meets in their own coordinates is left to whoever takes it there.
+  /// @param begin  of the ray   @return  how many; fewer than there is room for where no more are met
+  size_t next(const Ray& ray, double begin, double t_max, const Met& after, std::span<Met> found) const;
+  /// The same of a ray that begins in the world box around one of them: where it ends in there, too, those that overlap
+  /// it are all that it can meet.
+  size_t next_from(size_t number, const Ray& ray, double t_max, const Met& after, std::span<Met> found) const;
   /// Whether a ray meets any.
   bool meets(const Ray& ray, double t_max) const;
 
@@ -71,7 +86,6 @@ class Instances {
   void each_met(const Ray& ray, double t_max, const Visit& visit) const {
     each_box(ray, t_max, [&](size_t i) {
       if (const auto [t0, t1] = part(i, ray, t_max); t0 < t1) visit(i);
-      return t_max;
     });
   }
   /// Calls visit(number) for all whose boxes hold a point.
@@ -91,28 +105,29 @@ class Instances {
   std::pair<double, double> part(size_t number, const Ray& ray, double t_max) const;
 
  private:
-  static constexpr size_t kMostAround = 12;
-  struct Around {
-    uint32_t first = 0, count = 0;  // in listed_; count: more than kMostAround are not listed
-  };
-  /// Calls visit(number) for all whose world boxes a ray meets before t_max, the nearest nodes of the tree first, and
-  /// maybe for a few more.
-  /// @param visit  returns the ray parameter beyond which no more are wanted
-  void each_box(const Ray& ray, double t_max, const std::function<double(size_t)>& visit) const;
+  /// Calls visit(number) for all whose world boxes a ray meets before t_max, and maybe for a few more.
+  void each_box(const Ray& ray, double t_max, const std::function<void(size_t)>& visit) const;
   /// The same for those that overlap another box.
   void each_box(const dvec3& lo, const dvec3& hi, const std::function<void(size_t)>& visit) const;
+  SearchRay search_ray(const Ray& ray, double begin) const;
+  /// What overlaps an instance, itself included.
+  struct Neighbours {
+    InstanceNode node;
+    std::array<uint32_t, InstanceNode::kWide> number;
+    vec3 lo, hi;  // the instance's world box
+    bool known;   // false where they are more than a node holds
+  };
   using Boxes = std::vector<std::pair<vec3, vec3>>;
+  void list_neighbours(const Boxes& boxes);
   void build(uint32_t number, size_t begin, size_t end, const Boxes& boxes);
   void divide(size_t begin, size_t end, size_t most, const Boxes& boxes, std::vector<size_t>& ends);
-  void list_neighbours(const Boxes& boxes);
 
   std::vector<Instance> all_;
   std::vector<InstanceNode> nodes_;
-  std::vector<uint32_t> order_;  // of the instances under the nodes
-  std::vector<Around> around_;   // by instance
-  std::vector<uint32_t> listed_;
+  std::vector<uint32_t> order_;         // of the instances under the nodes
+  std::vector<Neighbours> neighbours_;  // by instance; of all or none
   dvec3 local_lo_, local_hi_, lo_{0}, hi_{0};
-  double voxel_size_ = 0;
+  double voxel_size_ = 0, size_ = 0;  // size_: largest coordinate of the box around all
   size_t thickest_ = 0;
   bool tinted_ = false;
 };

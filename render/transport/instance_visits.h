@@ -1,8 +1,6 @@
 #pragma once
 #include <array>
 #include <cstdint>
-#include <optional>
-#include <span>
 
 #include "render/transport/path_states.h"
 #include "volume/medium.h"
@@ -19,61 +17,53 @@ class InstanceVisits {
     own.last = {};
     own.count = own.at = 0;
     own.first = first;
-    own.begins = true;
-    own.told = false;
-    own.around.reset();
+    own.searched = false;
+    instance[slot] = kNone;
   }
-  /// The next instance that a ray meets before `end`; false where there is none.
+  /// The next instance that a ray may meet before `end`; false where there is none.
   bool next(const Instances& instances, size_t slot, const Ray& ray, double end) {
     OfRay& own = rays_[slot];
-    if (own.begins) {
-      own.begins = false;
+    if (instance[slot] == kNone && own.first >= 0) {
       instance[slot] = own.first;
-      if (own.first >= 0) return true;
-    } else if (own.first >= 0 && !own.told && end < kUnbounded) {
-      // A ray that ends where it began meets no others but those around.
-      own.told = true;
-      const auto number = static_cast<size_t>(own.first);
-      const auto [from, to] = instances.part(number, ray, kUnbounded);
-      if (from == 0 && end <= to) own.around = instances.around(number);
+      return true;
     }
-    if (own.around) {
-      while (own.at < own.around->size()) {
-        const uint32_t other = (*own.around)[own.at++];
-        const auto [from, to] = instances.part(other, ray, end);
-        instance[slot] = static_cast<int32_t>(other);
-        if (from < to) return true;
+    if (!own.searched) {
+      own.searched = true;
+      own.begin = instances.begin(ray);
+      search(instances, own, ray, end);
+    }
+    for (;;) {
+      if (own.at == own.count) {
+        if (own.count < kAtOnce) return false;
+        search(instances, own, ray, end);
+        continue;
       }
-      return false;
-    }
-    while (next_in_order(instances, own, ray, end)) {
+      own.last = own.met[own.at++];
+      if (own.begin + static_cast<double>(own.last.t) * kNearer >= end) return false;
       instance[slot] = static_cast<int32_t>(own.last.number);
       if (instance[slot] != own.first) return true;
     }
-    return false;
   }
 
   std::array<int32_t, kPool> instance;  ///< by slot: that is visited
 
  private:
+  static constexpr int32_t kNone = -1;
   static constexpr size_t kAtOnce = 4;
+  static constexpr double kNearer = 1 - 1e-5;  // than single precision rounds
   struct OfRay {
     std::array<Instances::Met, kAtOnce> met;
     Instances::Met last;
     uint32_t count, at;
     int32_t first;
-    bool begins, told;                                // told: whether there are few around
-    std::optional<std::span<const uint32_t>> around;  // of the first one, where no others are met
+    bool searched;
+    double begin;  // Instances::begin
   };
-  static bool next_in_order(const Instances& instances, OfRay& own, const Ray& ray, double end) {
-    if (own.at == own.count) {
-      if (own.count > 0 && own.count < kAtOnce) return false;
-      own.count = static_cast<uint32_t>(instances.next(ray, end, own.last, own.met));
-      own.at = 0;
-      if (own.count == 0) return false;
-    }
-    own.last = own.met[own.at++];
-    return own.last.t < end;
+  static void search(const Instances& instances, OfRay& own, const Ray& ray, double end) {
+    own.count = static_cast<uint32_t>(
+        own.first >= 0 ? instances.next_from(static_cast<size_t>(own.first), ray, end, own.last, own.met)
+                       : instances.next(ray, own.begin, end, own.last, own.met));
+    own.at = 0;
   }
   std::array<OfRay, kPool> rays_;
 };
