@@ -137,7 +137,7 @@ void add_depths(const DeepRecord& record, const Scene& scene, Layers& frame) {
   const ivec2 corner = frame.data_window().lo;
   parallel_for(frame.height(), {}, [&](int y) {
     for (int x = 0; x < frame.width(); ++x) {
-      const Ray ray = camera.ray(dvec2(corner + ivec2(x, y)) + 0.5, dvec2(0.5), 0);
+      const Ray ray = camera.ray(dvec2(corner + ivec2(x, y)) + 0.5, Camera::kLensMiddle, 0);
       const double per_depth = 1 / (camera.depth(ray.o + ray.d, 0) - camera.depth(ray.o, 0));
       std::vector<DeepPart> parts = record.parts({x, y});
       // Light from infinitely far covers nothing: what its rounding says would outweigh all depths.

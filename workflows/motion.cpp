@@ -194,7 +194,7 @@ void add_motion(const DeepRecord& record, MotionScenes scenes, Layers& frame,
   parallel_for(frame.height(), task, [&](int y) {
     for (int x = 0; x < frame.width(); ++x) {
       const dvec2 here = dvec2(corner + ivec2(x, y)) + 0.5;
-      const Ray ray = now.camera.ray(here, dvec2(0.5), now.time);
+      const Ray ray = now.camera.ray(here, Camera::kLensMiddle, now.time);
       const double per_depth = 1 / (now.camera.depth(ray.o + ray.d, now.time) - now.camera.depth(ray.o, now.time));
       const auto at = [&](double z) { return ray.o + z * per_depth * ray.d; };
       MeanMotion mean{here};

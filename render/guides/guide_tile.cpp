@@ -15,6 +15,8 @@ constexpr double kAlike = 0.02;
 // Where the darkest sky that a lens turns to a pixel is a smaller share of the brightest, so many show more of it;
 // where the media are thicker, they cost too much.
 constexpr double kAlikeSky = 0.95, kClear = 0.9;
+// The same of a sky with nothing before it, where rays cost little.
+constexpr double kEvenSky = 0.995;
 // Highlights of a metal that differ from those of a pixel beside it by more, of all that both show, need sixteen rays.
 constexpr double kHighlightEdge = 0.1;
 // The same of light that media beside a small lamp scatter once.
@@ -49,6 +51,10 @@ void GuideTile::record(const ivec2& corner, const ivec2& from, const ivec2& to, 
   if (across > 1 && rays.blurred())
     for (const size_t p : plain) {
       const Traced& found = traced_[p];
+      if (rays.has_lens() && found.sky_alone) {
+        if (found.darkest < kEvenSky * found.brightest) even_sky(p);
+        continue;
+      }
       const bool sky = !found.surface && found.least > kClear && found.darkest < kAlikeSky * found.brightest;
       if (sky || !(found.alike && found.most - found.least < kAlike)) at_edges.push_back(p);
     }
@@ -200,10 +206,24 @@ void GuideTile::end(const CameraRay& ray, const MarchedRay& marched) {
   pixel.alike = pixel.alike && surface == pixel.surface;
   pixel.least = std::min(pixel.least, transmittance);
   pixel.most = std::max(pixel.most, transmittance);
+  pixel.sky_alone = pixel.sky_alone && !ray.hit && !ray.light && marched.misses();
   if (ray.hit || ray.light) return;
   const double sky = in_colour(dvec3(sums.background - before), kGrey);
   pixel.darkest = std::min(pixel.darkest, sky);
   pixel.brightest = std::max(pixel.brightest, sky);
+}
+
+void GuideTile::even_sky(size_t pixel) {
+  const int count = traced_[pixel].across * traced_[pixel].across;
+  vec3 mean(0);
+  for (int i = 0; i < PixelRays::kSkyRays; ++i) {
+    const dvec3 d = march_.rays_.sky_ray(traced_[pixel].at, i).d;
+    for (const InfiniteLight* sky : march_.context_.lights->infinite())
+      if (sky->visible()) mean += scaled(sky->radiance(d), 1.0 / PixelRays::kSkyRays);
+  }
+  pixels_[pixel].background = mean * static_cast<float>(count);
+  if (!deep_) return;
+  for (int ray = 0; ray < count; ++ray) deep_rays_[pixel][static_cast<size_t>(ray)].light = mean;
 }
 
 void GuideTile::add_media(const MarchedRay& marched, GuideSums& sums) const {

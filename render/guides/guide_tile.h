@@ -29,6 +29,7 @@ class GuideTile {
     std::optional<uint32_t> surface = {};
     double darkest = kFar, brightest = 0;  ///< sky behind
     bool near_lamp = false;
+    bool sky_alone = true;  ///< nothing else is there
   };
   /// A camera ray and what ends it.
   struct CameraRay {
@@ -49,6 +50,8 @@ class GuideTile {
   void trace_rays(const std::vector<size_t>& pixels, int ray, int across);
   void begin(size_t pixel, int ray, const CameraSample& sample, const MarchScene& scene);
   void end(const CameraRay& ray, const MarchedRay& marched);
+  /// Looks through more of a lens at the sky alone.
+  void even_sky(size_t pixel);
   void add_media(const MarchedRay& marched, GuideSums& sums) const;
   /// @return what it reflects, as far as that is known before its mirrors are followed
   vec3 add_surface(const CameraRay& ray, const MarchedRay& marched, GuideSums& sums);

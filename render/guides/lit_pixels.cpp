@@ -13,9 +13,14 @@ constexpr double kFlat = 0.15;          // distance off the middle's plane, of t
 // Of all light in the middle: what corners may differ by, and what lies between them may be wrong by, in each group.
 constexpr double kAlike = 0.4, kExact = 0.02;
 // What light differs by from what lies between the pixels on either side, of the largest, where shadows end, and the
-// points across that it is then found at.
+// points across that it is then found at; the same between points of a lens.
 constexpr double kShadowEdge = 0.1;
-constexpr int kEdgeAcross = 3;
+
+double all_of(const LitPixels::Light& light) {
+  double sum = in_colour(light.scattered, kGrey);
+  for (const Lit& group : light.groups) sum += in_colour(group.direct + group.indirect, kGrey);
+  return sum;
+}
 
 }  // namespace
 
@@ -27,6 +32,10 @@ void LitPixels::begin_tile() {
 
 bool LitPixels::Place::fits(const SurfaceHit& hit, const ShadedPoint& at) const {
   return surface == hit.surface && inside == at.inside && glm::dot(normal, at.normal) > kAlikeNormals;
+}
+
+bool LitPixels::Place::alike(const Place& other) const {
+  return other.surface == surface && other.inside == inside && glm::dot(other.normal, normal) > kAlikeNormals;
 }
 
 LitPixels::Place LitPixels::lit(const SurfaceHit& hit, const ShadedPoint& at) const {
@@ -53,21 +62,25 @@ LitPixels::Place LitPixels::place_along(const CameraSample& sample) const {
 }
 
 bool LitPixels::at_shadow_edge(const Place& own, const ivec2& pixel, int ray, int across) {
-  const auto all = [](const Place& place) {
-    double sum = in_colour(place.light.scattered, kGrey);
-    for (const Lit& light : place.light.groups) sum += in_colour(light.direct + light.indirect, kGrey);
-    return sum;
-  };
-  const auto alike = [&](const Place& other) {
-    return other.surface == own.surface && other.inside == own.inside &&
-           glm::dot(other.normal, own.normal) > kAlikeNormals;
-  };
-  const double here = all(own);
+  const double here = all_of(own.light);
   for (const ivec2& step : {ivec2(1, 0), ivec2(0, 1)}) {
     const Place &before = place(pixel - step, ray, across), &behind = place(pixel + step, ray, across);
-    if (!alike(before) || !alike(behind)) continue;
-    const double a = all(before), b = all(behind);
+    if (!own.alike(before) || !own.alike(behind)) continue;
+    const double a = all_of(before.light), b = all_of(behind.light);
     if (std::abs(0.5 * (a + b) - here) > kShadowEdge * std::max({a, b, here})) return true;
+  }
+  return false;
+}
+
+bool LitPixels::differs_over_lens(const Place& own, const ivec2& pixel, int ray, int across) {
+  if (across == 1 || !march_.rays_.has_lens()) return false;
+  const double here = all_of(own.light);
+  for (int other = 0; other < across * across; ++other) {
+    if (other == ray) continue;
+    const Place& there = place(pixel, other, across);
+    if (!own.alike(there)) continue;
+    const double light = all_of(there.light);
+    if (std::abs(light - here) > kShadowEdge * std::max(light, here)) return true;
   }
   return false;
 }
@@ -75,11 +88,9 @@ bool LitPixels::at_shadow_edge(const Place& own, const ivec2& pixel, int ray, in
 LitPixels::Light LitPixels::mean_around(const Place& own, const ivec2& pixel, int ray, int across) const {
   Light sum{std::vector<Lit>(own.light.groups.size())};
   double count = 0;
-  for (int i = 0; i < kEdgeAcross * kEdgeAcross; ++i) {
-    CameraSample sample = march_.rays_.sample(pixel, ray, across);
-    const dvec2 point = (dvec2(i % kEdgeAcross, i / kEdgeAcross) + 0.5) / static_cast<double>(kEdgeAcross);
-    sample.film += sample.cell * (point - 0.5);
-    const Place there = 2 * i + 1 == kEdgeAcross * kEdgeAcross ? own : place_along(sample);
+  constexpr int kParts = PixelRays::kParts * PixelRays::kParts;
+  for (int i = 0; i < kParts; ++i) {
+    const Place there = 2 * i + 1 == kParts ? own : place_along(march_.rays_.part(pixel, ray, across, i));
     if (there.surface != own.surface || there.inside != own.inside) continue;
     sum.scattered += there.light.scattered;
     for (size_t k = 0; k < sum.groups.size(); ++k) sum.groups[k].add(dvec3(1), there.light.groups[k]);
@@ -107,8 +118,7 @@ bool LitPixels::smooth(const ivec2& first, int side, int ray, int across) {
         std::abs(glm::dot(to, middle.normal)) > kFlat * glm::length(to))
       return false;
   }
-  double all = in_colour(middle.light.scattered, kGrey);
-  for (const Lit& light : middle.light.groups) all += in_colour(light.direct + light.indirect, kGrey);
+  const double all = all_of(middle.light);
   const auto alike = [&](const auto& of) {
     const double here = of(middle.light);
     double mean = 0;
@@ -150,7 +160,8 @@ const LitPixels::Light& LitPixels::at(const ivec2& pixel, int ray, int across, c
   if (across < PixelRays::kMostAcross) {
     if (between(pixel, ray, across, hit, at)) return light_;
     const Place& own = place(pixel, ray, across);
-    light_ = at_shadow_edge(own, pixel, ray, across) ? mean_around(own, pixel, ray, across) : own.light;
+    const bool edge = at_shadow_edge(own, pixel, ray, across) || differs_over_lens(own, pixel, ray, across);
+    light_ = edge ? mean_around(own, pixel, ray, across) : own.light;
     return light_;
   }
   std::vector<Place>& known = at_edges_[{pixel.x, pixel.y}];

@@ -38,6 +38,7 @@ class LitPixels {
     int uses = 0;
 
     bool fits(const SurfaceHit& hit, const ShadedPoint& at) const;
+    bool alike(const Place& other) const;
   };
   using Pixel = std::tuple<int, int, int>;        // and number of its ray
   using Square = std::tuple<int, int, int, int>;  // its first pixel, its side, number of the rays
@@ -50,6 +51,8 @@ class LitPixels {
 
   /// Whether light there does not lie between that of the pixels beside it. @param own  of the ray
   bool at_shadow_edge(const Place& own, const ivec2& pixel, int ray, int across);
+  /// Whether other points of the lens show other light of the same surface. @param own  of the ray
+  bool differs_over_lens(const Place& own, const ivec2& pixel, int ray, int across);
   /// Mean over what a ray stands for. @param own  of the ray
   Light mean_around(const Place& own, const ivec2& pixel, int ray, int across) const;
   /// Between the corners of a square; false where that is not smooth.

@@ -11,7 +11,7 @@ namespace brume {
 /// it is marched: by steps so many times longer than those of a pixel's only ray, the first one shortened by a share of
 /// it, so that the steps of a pixel's rays lie between one another.
 struct CameraSample {
-  dvec2 film, lens{0.5};
+  dvec2 film, lens = Camera::kLensMiddle;
   double time = 0, cell = 1, stride = 1, offset = 0;
 };
 
@@ -30,6 +30,14 @@ class PixelRays {
   /// Whether a pixel's corners see unlike surfaces or lights.
   bool shows_edge(const ivec2& pixel) const;
   CameraSample sample(const ivec2& pixel, int ray, int across) const;
+  /// Points along each side of what a ray stands for.
+  static constexpr int kParts = 3;
+  /// One of kParts^2 points of the film, and of the lens, that a ray stands for, the one in the middle being its own.
+  CameraSample part(const ivec2& pixel, int ray, int across, int number) const;
+  /// One of kSkyRays that show what a lens makes of the sky behind one pixel.
+  static constexpr int kSkyRays = 64;
+  Ray sky_ray(const ivec2& pixel, int number) const;
+  bool has_lens() const { return camera_.has_lens(); }
   /// Along the camera's axis.
   double depth(const CameraSample& s, const dvec3& p) const { return camera_.depth(p, s.time); }
   Ray ray(const CameraSample& s) const { return camera_.ray(s.film, s.lens, s.time); }

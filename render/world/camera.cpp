@@ -149,6 +149,12 @@ Camera::Pose Camera::at(double time) const {
               glm::mix(up_, up_end_, time));
 }
 
+dvec2 Camera::lens_at(double turn, double share) const {
+  if (blades_ == 0) return {share, turn};
+  const double sector = std::floor(turn * blades_);
+  return {(sector + share) / blades_, turn * blades_ - sector};
+}
+
 dvec2 Camera::lens_point(const dvec2& u) const {
   if (blades_ == 0) {
     const double r = std::sqrt(u.x);

@@ -16,7 +16,12 @@ class Camera {
 
   /// The ray through the film point (x, y) in pixels, (0, 0) being the top left corner; unit direction.
   /// @param lens  uniform in [0, 1)^2   @param time  in [0, 1] of the shutter
-  Ray ray(const dvec2& film, const dvec2& lens = dvec2(0.5), double time = 0) const;
+  Ray ray(const dvec2& film, const dvec2& lens = kLensMiddle, double time = 0) const;
+  /// The point of [0, 1)^2 that a ray through the middle of the lens has.
+  static constexpr dvec2 kLensMiddle{0.0};
+  /// The point of [0, 1)^2 whose place on the lens lies in a direction from its middle and has so much of the lens'
+  /// area nearer to the middle. @param turn, share  in [0, 1)
+  dvec2 lens_at(double turn, double share) const;
 
   /// All rays of a block of pixels, bounded in every direction; nothing for a camera that moves.
   /// @param end  exclusive

@@ -103,6 +103,33 @@ TEST(Camera, ABeamHoldsEveryRayOfItsPixel) {
   EXPECT_FALSE(Camera(moving, 10, 10).ray_cone({0, 0}, {1, 1}));
 }
 
+// Points of a lens by area and direction: even in both, they fill it as uniform ones do.
+TEST(Camera, ItsLensHasAMiddleAndPlacesByDirection) {
+  for (const int blades : {0, 5, 6}) {
+    CameraSettings s = settings();
+    s.lens_radius = 0.3;
+    s.focus_distance = 4;
+    s.blades = blades;
+    s.blade_rotation = 12;
+    const Camera lens(s, 60, 40);
+    EXPECT_LT(glm::distance(lens.ray({50, 9}).o, s.position), 1e-12);
+    const double rim = glm::distance(lens.ray({50, 9}, lens.lens_at(0, 1 - 1e-9)).o, s.position);
+    EXPECT_NEAR(rim, 0.3, 1e-6) << "a corner, where the polygon has one";
+    dvec3 mean(0);
+    double second = 0;
+    const int n = 60;
+    for (int i = 0; i < n; ++i)
+      for (int k = 0; k < n; ++k) {
+        const dvec3 o = lens.ray({50, 9}, lens.lens_at((i + 0.5) / n, (k + 0.5) / n)).o - s.position;
+        mean += o / static_cast<double>(n * n);
+        second += glm::dot(o, o) / (n * n);
+      }
+    EXPECT_LT(glm::length(mean), 1e-6) << blades;
+    const double exact = blades == 0 ? 0.045 : 0.09 * (2 + std::cos(2 * kPi / blades)) / 6;
+    EXPECT_NEAR(second, exact, 1e-4) << blades;
+  }
+}
+
 // All rays of one film point meet in the plane of focus, and their origins fill the aperture.
 TEST(Camera, ALensFocuses) {
   Rng rng(1);

@@ -305,6 +305,30 @@ TEST(Guides, AreFiniteThroughALensInMotionAndBehindGlass) {
   EXPECT_GT(frame.at("guide.surface.mirrored_indirect.G")(12, 12), 0.05f) << "the cloud is seen through the glass";
 }
 
+// What is out of focus is spread to all sides: a ball's picture stays where it is.
+TEST(Guides, AreSpreadEvenlyByALens) {
+  Scene scene = ball(1, 0);
+  scene.film.width = scene.film.height = 40;
+  scene.camera.lens_radius = 0.2;
+  scene.camera.focus_distance = 0.5 * glm::distance(scene.camera.position, scene.camera.look_at);
+  const auto middle = [](const Layers& frame, const std::string& name) {
+    dvec2 sum(0);
+    double all = 0;
+    const Plane& plane = frame.at(name);
+    for (int y = 0; y < plane.height(); ++y)
+      for (int x = 0; x < plane.width(); ++x) {
+        sum += static_cast<double>(plane(x, y)) * dvec2(x, y);
+        all += plane(x, y);
+      }
+    return sum / all;
+  };
+  for (const int blades : {0, 6}) {
+    scene.camera.blades = blades;
+    const dvec2 guide = middle(guides_of(scene), "guide.opacity.Y");
+    EXPECT_LT(glm::distance(guide, middle(render(scene, {"direct"}, 64), "A")), 0.1) << blades;
+  }
+}
+
 TEST(Guides, KnowWhatStandsBehindTheMediumAndItsShadow) {
   Scene scene = ball(1, 0);
   scene.surfaces.emplace_back();
