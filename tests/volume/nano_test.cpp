@@ -73,6 +73,19 @@ TEST(NanoVdb, IsTheVdbThatItCameFrom) {
   EXPECT_EQ(read_vdb_contents(folder / "a.nvdb", {}).grids.size(), 3u);
 }
 
+TEST(NanoVdb, WhatNoMachineCanHoldIsToldBeforeItIsRead) {
+  const test::TemporaryFolder folder;
+  write_nano(folder / "a.nvdb", {stored_grids()[0]}, Codec::ZIP);
+  std::string bytes = test::read_file(folder / "a.nvdb");
+  const uint64_t size = uint64_t{1} << 50;
+  // After the file's header the first member of the first grid's metadata.
+  bytes.replace(sizeof(nanovdb::io::Header), sizeof size, reinterpret_cast<const char*>(&size), sizeof size);
+  std::ofstream(folder / "b.nvdb", std::ios::binary) << bytes;
+  const std::string error = error_of(folder / "b.nvdb");
+  EXPECT_NE(error.find("need 3377699.7 GB of memory to be read; this machine has"), std::string::npos) << error;
+  EXPECT_NE(error.find("nanovdb_convert b.nvdb FILE.vdb"), std::string::npos) << error;
+}
+
 TEST(NanoVdb, DamageAndOtherVersionsAreToldApart) {
   const test::TemporaryFolder folder;
   const openvdb::GridPtrVec grids = stored_grids();

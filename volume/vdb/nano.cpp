@@ -7,6 +7,7 @@
 #include <nanovdb/util/NanoToOpenVDB.h>
 #include <openvdb/io/Stream.h>
 
+#include <algorithm>
 #include <fstream>
 
 #include "volume/vdb/reading.h"
@@ -29,6 +30,21 @@ void check_version(const fs::path& path) {
   const uint32_t found = header.version.getMajor(), own = NANOVDB_MAJOR_VERSION_NUMBER;
   if (found != own)
     fail(path, fmt::format("is a NanoVDB file of version {}; expected {}: convert it to .vdb", found, own));
+}
+
+/// Refuses a file whose grids this machine cannot hold while they become those of a .vdb: all of them, and one twice.
+void check_fits(const fs::path& path, const std::vector<nanovdb::io::GridMetaData>& contents) {
+  double all = 0, largest = 0;
+  for (const auto& grid : contents) {
+    all += static_cast<double>(grid.gridSize);
+    largest = std::max(largest, static_cast<double>(grid.gridSize));
+  }
+  if (!(all + 2 * largest > physical_memory())) return;
+  fail(
+      path,
+      fmt::format(
+          "its grids need {:.1f} GB of memory to be read; this machine has {:.1f} GB. Expected a .vdb, whose density need not fit into memory: nanovdb_convert {} FILE.vdb",
+          (all + 2 * largest) / 1e9, physical_memory() / 1e9, path.filename().string()));
 }
 
 using Handle = nanovdb::GridHandle<nanovdb::HostBuffer>;
@@ -62,6 +78,7 @@ void unpack_nano(const fs::path& path, std::ostream& vdb) {
   check_version(path);
   openvdb::GridPtrVec grids;
   const auto contents = nanovdb::io::readGridMetaData(path.string());
+  check_fits(path, contents);
   for (size_t i = 0; i < contents.size(); ++i) {
     const Handle handle = nanovdb::io::readGrid(path.string(), i);
     const auto grid = first_unpacked<float, double, nanovdb::Fp4, nanovdb::Fp8, nanovdb::Fp16, nanovdb::FpN,

@@ -99,19 +99,6 @@ openvdb::GridBase::Ptr as_numbers(const openvdb::GridBase::Ptr& grid, std::vecto
   return result;
 }
 
-/// Refuses a grid that this machine cannot hold, by what the file says of its size, before any of it is read.
-void check_memory(openvdb::io::File& file, const fs::path& path, const std::string& name, bool paged) {
-  const openvdb::GridBase::Ptr grid = file.readGridMetadata(name);
-  const auto bytes = grid->getMetadata<openvdb::Int64Metadata>(openvdb::GridBase::META_FILE_MEM_BYTES);
-  if (!bytes || paged) return;
-  // A brick for each leaf, and some at the rim.
-  const double tree = static_cast<double>(bytes->value()), bricks = 1.1 * tree * BrickGrid::kBrick / 512;
-  if (!(tree + bricks > physical_memory())) return;
-  throw InputError(fmt::format(
-      "{}: grid '{}' needs {:.1f} GB of memory to be read, {:.1f} GB of them to be rendered; this machine has {:.1f} GB. Expected a volume of fewer voxels: resample it, or crop it",
-      path.string(), name, (tree + bricks) / 1e9, bricks / 1e9, physical_memory() / 1e9));
-}
-
 /// From now on the values of leaves are read when they are looked at, from the file itself.
 void reopen_for_passing(openvdb::io::File& file) {
   file.close();
@@ -130,7 +117,7 @@ ScalarField read_scalar(Reading& reading, const fs::path& path, const ScalarOpti
   }
   const std::string name = choose_grid(*file, path, options.grid, options.use, field.notes);
   const bool paged = options.paging == Paging::kAlways;
-  check_memory(*file, path, name, paged);
+  if (!paged) check_memory(*file, path, name);
   if (paged) reopen_for_passing(*file);
   openvdb::GridBase::Ptr grid = as_numbers(file->readGrid(name), field.notes);
   reading.limits.reset();
