@@ -141,7 +141,7 @@ void add_depths(const DeepRecord& record, const Scene& scene, Layers& frame) {
       const double per_depth = 1 / (camera.depth(ray.o + ray.d, 0) - camera.depth(ray.o, 0));
       std::vector<DeepPart> parts = record.parts({x, y});
       // Light from infinitely far covers nothing: what its rounding says would outweigh all depths.
-      if (!parts.empty() && parts.back().z >= kDeepBackground) parts.pop_back();
+      while (!parts.empty() && parts.back().z_back >= kDeepBackground) parts.pop_back();
       const double covered = parts.empty() ? 0 : 1 - static_cast<double>(parts.back().left);
       mean(x, y) = half(x, y) = first(x, y) = kDeepBackground;
       mist(x, y) = 1;
