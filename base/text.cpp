@@ -29,7 +29,8 @@ std::string nearest_name(std::string_view word, std::span<const std::string> can
   std::string nearest;
   if (word.size() >= 3)
     for (const std::string& candidate : candidates)
-      if (lower(candidate).starts_with(small) && (nearest.empty() || candidate.size() < nearest.size())) nearest = candidate;
+      if (lower(candidate).starts_with(small) && (nearest.empty() || candidate.size() < nearest.size()))
+        nearest = candidate;
   if (!nearest.empty()) return nearest;
   size_t best = std::max<size_t>(2, word.size() / 3) + 1;
   for (const std::string& candidate : candidates)

@@ -172,7 +172,7 @@ double Instances::begin(const Ray& ray) const {
   if (glm::all(glm::greaterThanEqual(ray.o, lo_)) && glm::all(glm::lessThanEqual(ray.o, hi_))) return 0;
   double t0 = 0, t1 = std::numeric_limits<double>::infinity();
   for (int a = 0; a < 3; ++a) {
-    // Not a number where the ray lies in a face, which then says nothing.
+    // Not a number where the ray lies in a face: it then counts as inside the lower one, as outside the upper one.
     const double inverse = 1 / ray.d[a], x = (lo_[a] - ray.o[a]) * inverse, y = (hi_[a] - ray.o[a]) * inverse;
     t0 = std::max(t0, std::min(x, y));
     t1 = std::min(t1, std::max(x, y));

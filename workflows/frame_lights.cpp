@@ -54,11 +54,6 @@ std::vector<std::string> FrameLights::names() const {
   return all;
 }
 
-const FrameLights::Group* FrameLights::find(const std::string& name) const {
-  const auto found = std::find_if(groups.begin(), groups.end(), [&](const Group& group) { return group.name == name; });
-  return found == groups.end() ? nullptr : &*found;
-}
-
 std::optional<ForeignFrame> picture_in(const ExrInfo& file, const std::filesystem::path& map) {
   if (map.empty() && is_brume_frame(file)) return std::nullopt;
   std::vector<ForeignFrame> pictures = map.empty() ? recognise(file) : read_map(map, file);
@@ -84,10 +79,11 @@ std::vector<FrameLights> lights_in(const ExrInfo& file, const std::optional<Fore
       complete = complete && has_all(outline, lights.groups.back().channels);
     }
     if (complete) all.push_back(std::move(lights));
-    return complete;
   };
-  const bool clean = add("", [](const std::string& group) { return clean_light_layer(group); });
-  add(clean ? "noisy" : "", [](const std::string& group) { return light_layer(group); });
+  // A picture that is clean with groups that are not has the noisy one beside it, which they add up to.
+  add("", [](const std::string& group) { return clean_light_layer(group); });
+  add(has_all(outline, colours_of("noisy")) ? "noisy" : "",
+      [](const std::string& group) { return light_layer(group); });
   return all;
 }
 

@@ -22,7 +22,6 @@ struct FrameLights {
   bool whole = false;  ///< they make up the picture; else what they leave of it stays as it is
 
   std::vector<std::string> names() const;
-  const Group* find(const std::string& group) const;
   /// One colour of the picture as it would be with other lights.
   /// @param plane_of  channels by their names
   template <class PlaneOf>

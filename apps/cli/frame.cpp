@@ -2,8 +2,8 @@
 
 #include <fmt/format.h>
 
+#include <charconv>
 #include <cmath>
-#include <cstdio>
 #include <cstdlib>
 
 #include "base/error.h"
@@ -24,8 +24,11 @@ CLI::Validator exposure_validator() {
 
 void add_size_option(const Verb& command, std::vector<std::string>& overrides) {
   const auto set = [&overrides](const std::string& text) {
-    int width = 0, height = 0, used = 0;
-    if (std::sscanf(text.c_str(), "%dx%d%n", &width, &height, &used) != 2 || static_cast<size_t>(used) != text.size())
+    int width = 0, height = 0;
+    const char* const end = text.data() + text.size();
+    const auto [cross, wrong] = std::from_chars(text.data(), end, width);
+    if (wrong != std::errc() || cross == end || *cross != 'x' ||
+        std::from_chars(cross + 1, end, height) != std::from_chars_result{end, std::errc()})
       throw InputError(fmt::format("--size {}: expected WIDTHxHEIGHT [px], for example 1920x1080", text));
     overrides.push_back(fmt::format("film.width={}", width));
     overrides.push_back(fmt::format("film.height={}", height));

@@ -63,8 +63,10 @@ void add_depth(ForeignFrame& picture, const std::string& channel);
 void add_lights(const Channels& file, const std::string& view, const std::string& prefix, ForeignFrame& picture,
                 const std::set<std::string>& others = {});
 /// What renderers call pictures beside one that are no light groups: "RGBA_variance".
-inline const std::set<std::string> kNoLightGroups = {"variance", "var",        "mse",  "denoised", "denoise",
-                                                     "albedo",   "unshadowed", "even", "odd"};
+inline const std::set<std::string> kNoLightGroups = {
+    "variance", "var",    "mse",      "denoised", "denoise", "albedo",     "unshadowed", "even",     "odd",
+    "normal",   "depth",  "position", "motion",   "direct",  "indirect",   "diffuse",    "specular", "transmission",
+    "emission", "volume", "sss",      "coat",     "sheen",   "background", "shadow"};
 void add_alpha(const Channels& file, ForeignFrame& picture, const std::string& prefix);
 /// Features and variance by names that many renderers give them.
 void add_common_layers(const Channels& file, const std::set<std::string>& prefixes, ForeignFrame& picture);

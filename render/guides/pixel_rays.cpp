@@ -17,7 +17,7 @@ constexpr int kMostUnseen = 8;       // surfaces that a camera ray goes through
 constexpr int kCells[] = {1, 4, 0, 5, 8, 13, 12, 9, 7, 2, 6, 3, 14, 11, 10, 15};
 constexpr int kTurns[] = {1, 0, 3, 2, 5, 4, 7, 6, 9, 11, 8, 10, 13, 14, 12, 15};
 constexpr int kAreas[] = {7, 8, 0, 13, 5, 9, 2, 12, 4, 1, 10, 15, 6, 3, 11, 14};
-// Quarters of a turn of four rays: film and lens are independent.
+// Quarters of a turn of four rays: along x, and along y, film and lens are independent.
 constexpr int kQuarters[] = {0, 2, 1, 3};
 constexpr double kRim = 0.999;  // of the area of the lens
 

@@ -158,6 +158,7 @@ TEST(Output, AnOptionOfOtherProgramsNamesOurs) {
                                         {"render a.vdb --denoise", "did you mean '--clean'?"},
                                         {"submit slurm a.toml --width 64", "did you mean '--size'?"},
                                         {"render a.vdb --size 64", "--size 64: expected WIDTHxHEIGHT"},
+                                        {"render a.vdb --size 4294967297x1", "expected WIDTHxHEIGHT"},
                                         {"render a.vdb --size 64x48px", "--size 64x48px: expected WIDTHxHEIGHT"}}) {
     const test::ProgramResult r = run_brume(words);
     EXPECT_EQ(r.status, 2) << words;

@@ -32,19 +32,22 @@ void check_version(const fs::path& path) {
     fail(path, fmt::format("is a NanoVDB file of version {}; expected {}: convert it to .vdb", found, own));
 }
 
-/// Refuses a file whose grids this machine cannot hold while they become those of a .vdb: all of them, and one twice.
+/// Refuses a file whose grids this machine cannot hold while they become those of a .vdb: unpacked to floats and
+/// written as that file, with one of them as it was.
 void check_fits(const fs::path& path, const std::vector<nanovdb::io::GridMetaData>& contents) {
-  double all = 0, largest = 0;
+  double unpacked = 0, largest = 0;
   for (const auto& grid : contents) {
-    all += static_cast<double>(grid.gridSize);
-    largest = std::max(largest, static_cast<double>(grid.gridSize));
+    const auto size = static_cast<double>(grid.gridSize);
+    unpacked += std::max(size, 512.0 * sizeof(float) * grid.nodeCount[0]);
+    largest = std::max(largest, size);
   }
-  if (!(all + 2 * largest > physical_memory())) return;
+  const double needed = 2 * unpacked + largest;
+  if (!(needed > physical_memory())) return;
   fail(
       path,
       fmt::format(
           "its grids need {:.1f} GB of memory to be read; this machine has {:.1f} GB. Expected a .vdb, whose density need not fit into memory: nanovdb_convert {} FILE.vdb",
-          (all + 2 * largest) / 1e9, physical_memory() / 1e9, path.filename().string()));
+          needed / 1e9, physical_memory() / 1e9, path.filename().string()));
 }
 
 using Handle = nanovdb::GridHandle<nanovdb::HostBuffer>;

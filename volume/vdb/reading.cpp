@@ -12,6 +12,7 @@
 #include "base/error.h"
 #include "base/missing_file.h"
 #include "base/parallel_for.h"
+#include "base/text.h"
 #include "volume/stored_values.h"
 #include "volume/vdb/leaves.h"
 
@@ -195,16 +196,19 @@ std::unique_ptr<openvdb::io::File> open(Reading& reading, const fs::path& path) 
   return file;
 }
 
-void check_memory(openvdb::io::File& file, const fs::path& path, const std::string& name) {
-  const openvdb::GridBase::Ptr grid = file.readGridMetadata(name);
-  const auto bytes = grid->getMetadata<openvdb::Int64Metadata>(openvdb::GridBase::META_FILE_MEM_BYTES);
-  if (!bytes) return;
+void check_memory(openvdb::io::File& file, const fs::path& path, const std::vector<std::string>& names) {
+  double tree = 0;
+  for (const std::string& name : names) {
+    const openvdb::GridBase::Ptr grid = file.readGridMetadata(name);
+    const auto bytes = grid->getMetadata<openvdb::Int64Metadata>(openvdb::GridBase::META_FILE_MEM_BYTES);
+    if (bytes) tree += static_cast<double>(bytes->value());
+  }
   // A brick for each leaf, and some at the rim.
-  const double tree = static_cast<double>(bytes->value()), bricks = 1.1 * tree * BrickGrid::kBrick / 512;
+  const double bricks = 1.1 * tree * BrickGrid::kBrick / 512;
   if (!(tree + bricks > physical_memory())) return;
   throw InputError(fmt::format(
       "{}: grid '{}' needs {:.1f} GB of memory to be read, {:.1f} GB of them to be rendered; this machine has {:.1f} GB. Expected a volume of fewer voxels: resample it, or crop it",
-      path.string(), name, (tree + bricks) / 1e9, bricks / 1e9, physical_memory() / 1e9));
+      path.string(), join(names, "', '"), (tree + bricks) / 1e9, bricks / 1e9, physical_memory() / 1e9));
 }
 
 std::map<std::string, std::string> texts(const openvdb::MetaMap& meta) {

@@ -74,8 +74,9 @@ std::string list_grids(openvdb::io::File& file);
 std::string choose_grid(openvdb::io::File& file, const std::filesystem::path& path, const std::string& wanted,
                         GridUse use, std::vector<std::string>& notes);
 
-/// Refuses a grid that this machine cannot hold, by what the file says of its size, before any of it is read.
-void check_memory(openvdb::io::File& file, const std::filesystem::path& path, const std::string& name);
+/// Refuses grids that this machine cannot hold together, by what the file says of their size, before any of them is
+/// read.
+void check_memory(openvdb::io::File& file, const std::filesystem::path& path, const std::vector<std::string>& names);
 
 /// Refuses what no density can be read from, with what to do instead.
 void check_scalar_field(const std::filesystem::path& path, const GridSummary& grid, openvdb::io::File& file);

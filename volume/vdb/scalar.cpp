@@ -117,7 +117,7 @@ ScalarField read_scalar(Reading& reading, const fs::path& path, const ScalarOpti
   }
   const std::string name = choose_grid(*file, path, options.grid, options.use, field.notes);
   const bool paged = options.paging == Paging::kAlways;
-  if (!paged) check_memory(*file, path, name);
+  if (!paged) check_memory(*file, path, {name});
   if (paged) reopen_for_passing(*file);
   openvdb::GridBase::Ptr grid = as_numbers(file->readGrid(name), field.notes);
   reading.limits.reset();

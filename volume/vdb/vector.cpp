@@ -84,13 +84,11 @@ VectorGrids read_vector(Reading& reading, openvdb::io::File& file, const fs::pat
     if ((parts = component_names(names, base, letters))) break;
   }
   if (parts) {
-    for (size_t c = 0; c < 3; ++c) {
-      check_memory(file, path, (*parts)[c]);
-      result.components[c] = {file.readGrid((*parts)[c])};
-    }
+    check_memory(file, path, {parts->begin(), parts->end()});
+    for (size_t c = 0; c < 3; ++c) result.components[c] = {file.readGrid((*parts)[c])};
   } else {
     result.name = choose_grid(file, path, wanted, use, notes);
-    check_memory(file, path, result.name);
+    check_memory(file, path, {result.name});
     const auto grid = file.readGrid(result.name);
     for (int c = 0; c < 3; ++c) result.components[static_cast<size_t>(c)] = {grid, c};
   }

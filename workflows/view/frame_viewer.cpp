@@ -52,7 +52,7 @@ void FrameViewer::check_files() {
   const std::filesystem::path path = file_of(*last_);
   const FileTime now = written(path);
   const bool steady = std::exchange(seen_, now) == now;
-  if (now == written_ || !steady) return;
+  if ((now == written_ && !missing_) || !steady) return;
   if (now) {
     missing_ = false;
     reload_ = true;
@@ -96,6 +96,7 @@ bool FrameViewer::open(const std::filesystem::path& path) {
   {
     const std::lock_guard lock(mutex_);
     if (frame_ && path == path_ && now == written_) return false;
+    missing_ = false;
     written_ = seen_ = now;  // one that is wrong is read again when it changes
   }
   frame_.reset();

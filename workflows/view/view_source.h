@@ -41,7 +41,7 @@ class ViewSource {
   virtual std::string scene_text() const = 0;
   /// The same of a look that need not have been answered. @throws InputError
   virtual std::string scene_text(const ViewLook& look) const = 0;
-  /// What makes the look's picture, for a shell.
+  /// What makes the look's picture, for a shell; of frames that of the file, mixed, whichever layer is looked at.
   virtual std::string command(const ViewLook& look) const = 0;
   /// What makes the lights of the look's scene as it mixes them. @throws InputError, of frames always
   virtual std::vector<std::string> mix_assignments(const ViewLook& look) const = 0;

@@ -33,8 +33,10 @@ std::string list_of(const std::string& name) {
   return name.starts_with("clean_") ? "clean" : "layers";
 }
 
-/// Whether a pixel has a depth, which is then not to be mixed with its neighbour's.
-bool is_depth(const std::string& channel) {
+/// Whether a layer of these channels is a depth, which is then not to be mixed with its neighbour's.
+bool is_depth(const std::vector<std::string>& channels) {
+  if (channels.size() != 1) return false;
+  const std::string& channel = channels[0];
   return channel == "Z" || channel.ends_with(".Z") || channel.ends_with(".z") || channel.ends_with("Depth.V");
 }
 
@@ -112,6 +114,7 @@ void ViewedFrame::list_picture() {
   std::string alpha = "A";
   if (foreign_) {
     picture.assign(foreign_->target.begin(), foreign_->target.end());
+    if (!has(picture[0])) listed_.insert({"Y", "RY", "BY"});  // which are read as R, G and B
     alpha = foreign_->alpha;
     notes_.push_back(fmt::format("read as {}: {}", foreign_->label(), foreign_->color.name));
     notes_.insert(notes_.end(), foreign_->conflicts.begin(), foreign_->conflicts.end());
@@ -215,14 +218,14 @@ std::vector<std::string> ViewedFrame::light_groups() const {
   return lights_.empty() ? std::vector<std::string>() : lights_[0].names();
 }
 
-void ViewedFrame::read(const std::set<std::string>& channels) {
+void ViewedFrame::read(const std::set<std::string>& channels, bool depth) {
   std::set<std::string> missing;
   for (const std::string& channel : channels)
     if (!planes_.contains(channel)) missing.insert(channel);
   if (missing.empty()) return;
   // Parts may lie anywhere; what is shown is what the display window shows.
   Layers frame = over_display_window(file_.read([&](const std::string& name) { return missing.contains(name); }));
-  for (const std::string& channel : missing) planes_[channel] = reduced(frame.at(channel), step_, is_depth(channel));
+  for (const std::string& channel : missing) planes_[channel] = reduced(frame.at(channel), step_, depth);
   if (foreign_ && foreign_->cie_xyz && missing.contains(foreign_->target[0]))
     rgb_from_xyz({&planes_[foreign_->target[0]], &planes_[foreign_->target[1]], &planes_[foreign_->target[2]]});
 }
@@ -234,7 +237,7 @@ std::vector<Plane> ViewedFrame::planes_of(const Entry& entry, const LightMix& mi
   };
   const auto plane_of = [&](const std::string& channel) -> const Plane& { return plane(channel); };
   for (const FrameLights& lights : lights_) {
-    if (is(lights.picture)) {
+    if (!mix.empty() && is(lights.picture)) {
       for (size_t c = 0; c < 3; ++c) planes.push_back(lights.mixed(mix, c, plane_of));
       return planes;
     }
@@ -270,10 +273,11 @@ std::optional<ViewPicture> ViewedFrame::picture(const std::string& layer, const 
   } else {
     std::set<std::string> needed(entry.channels.begin(), entry.channels.end());
     for (const FrameLights& lights : lights_)
-      if (std::equal(lights.picture.begin(), lights.picture.end(), entry.channels.begin(), entry.channels.end()))
+      if (!mix.empty() &&
+          std::equal(lights.picture.begin(), lights.picture.end(), entry.channels.begin(), entry.channels.end()))
         for (const FrameLights::Group& group : lights.groups)
           needed.insert(group.channels.begin(), group.channels.end());
-    read(needed);
+    read(needed, is_depth(entry.channels));
     planes = planes_of(entry, mix, picture.misses_mix);
   }
   Layers shown(planes[0].width(), planes[0].height());

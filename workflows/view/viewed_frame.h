@@ -21,7 +21,6 @@ class ViewedFrame {
   /// @throws InputError: missing, damaged, deep; nothing in it can be shown; as read_map
   ViewedFrame(const std::filesystem::path& path, const std::filesystem::path& map);
 
-  const ExrFile& file() const { return file_; }
   const std::vector<ViewSceneText::Layer>& layers() const { return told_; }
   /// That can be mixed.
   std::vector<std::string> light_groups() const;
@@ -47,7 +46,7 @@ class ViewedFrame {
   void list_mattes();
   void list_channels();
   void list(Entry entry);
-  void read(const std::set<std::string>& channels);
+  void read(const std::set<std::string>& channels, bool depth);
   const Plane& plane(const std::string& name) const { return planes_.at(name); }
   std::vector<Plane> planes_of(const Entry& entry, const LightMix& mix, bool& misses_mix) const;
 

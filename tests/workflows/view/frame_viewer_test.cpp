@@ -39,13 +39,13 @@ void add_colour(Layers& frame, const std::string& layer, float scale) {
 }
 
 /// Brume's: two clean groups of 1 and 2 that make up a picture of 3, with noisy ones of half of that.
-Layers own_frame() {
+Layers own_frame(bool clean_groups = true) {
   Layers frame(kWidth, kHeight);
   add_colour(frame, "", 3);
   add_colour(frame, "noisy", 1.5f);
   add_colour(frame, "direct", 1);
   for (const auto& [group, scale] : {std::pair("key", 1.0f), {"sky", 2.0f}}) {
-    add_colour(frame, clean_light_layer(group), scale);
+    if (clean_groups) add_colour(frame, clean_light_layer(group), scale);
     add_colour(frame, light_layer(group), scale / 2);
   }
   Plane& depth = frame.add("depth_mean.Z", 5);
@@ -120,6 +120,31 @@ TEST_F(FrameView, MixesCleanAndNoisyLightAndSaysWhatIsNotMixed) {
   EXPECT_FALSE(frame.picture("picture", mix, room)->misses_mix);
   EXPECT_FALSE(frame.picture("alpha", mix, room)->misses_mix);
   EXPECT_FALSE(frame.picture("nonsense", mix, room));
+}
+
+// As filters leave a frame that clean no groups.
+TEST_F(FrameView, ACleanPictureWithNoisyGroupsStaysCleanAndTheNoisyOneIsMixed) {
+  ViewedFrame frame(write("own.exr", own_frame(false)), "");
+  const LightMix mix = {{"key", dvec3(0)}};
+  for (const LightMix& of : {LightMix(), mix}) {
+    const auto clean = frame.picture("picture", of, {kWidth, kHeight});
+    expect_scale(clean, dvec3(3));
+    EXPECT_EQ(clean->misses_mix, !of.empty());
+  }
+  expect_scale(frame.picture("noisy", {}, {kWidth, kHeight}), dvec3(1.5));
+  expect_scale(frame.picture("noisy", mix, {kWidth, kHeight}), dvec3(1));
+}
+
+TEST_F(FrameView, TheThirdNumberOfAVectorIsNoDepth) {
+  Layers of(kWidth, kHeight);
+  for (const char* channel : {"N.X", "N.Y", "N.Z"}) {
+    Plane& plane = of.add(channel);
+    for (int y = 0; y < kHeight; ++y)
+      for (int x = 0; x < kWidth; ++x) plane(x, y) = static_cast<float>(x);
+  }
+  ViewedFrame frame(write("normals.exr", of), "");
+  const auto small = frame.picture("N", {}, {kWidth / 2, kHeight});
+  for (int c = 0; c < 3; ++c) EXPECT_EQ(value(*small, c, 2, 0), 4.5f) << c;
 }
 
 TEST_F(FrameView, ShowsNoMorePixelsThanThereIsRoomForButWholeDepths) {
@@ -224,11 +249,17 @@ TEST_F(FrameView, ASequenceIsAnsweredFrameByFrameAndFilesThatChangeAreReadAgain)
   viewer.check_files();
   ASSERT_TRUE(audience.wait([&](const test::Audience& a) { return a.pictures.size() > before; }));
   expect_scale(audience.pictures.back(), dvec3(1.5));
-  std::filesystem::remove(folder_ / "f.2.exr");
+  // Moved away and back as it was.
+  std::filesystem::rename(folder_ / "f.2.exr", folder_ / "away.exr");
   viewer.check_files();
   viewer.check_files();
   ASSERT_TRUE(audience.wait([&](const test::Audience& a) { return !a.wrong.empty(); }));
   EXPECT_TRUE(audience.wrong[0].lasting);
+  const auto while_away = audience.pictures.size();
+  std::filesystem::rename(folder_ / "away.exr", folder_ / "f.2.exr");
+  viewer.check_files();
+  viewer.check_files();
+  ASSERT_TRUE(audience.wait([&](const test::Audience& a) { return a.pictures.size() > while_away; }));
 }
 
 TEST_F(FrameView, AMixInAFileIsRefusedWhereItIsNone) {
