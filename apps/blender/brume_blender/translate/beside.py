@@ -23,6 +23,8 @@ class Cancelled(Exception):
 class Result:
     """What came of a bake, for all translations whose shader, grids and place are the same."""
 
+    lasts = True  # whether it is kept when a translation has no use for it
+
     def __init__(self, baked, shader, notes):
         self._baked, self._notes = baked, notes
         self._left = [shader.closures.index(closure) for closure in baked.closures]
@@ -41,11 +43,14 @@ class Result:
         self._notes.tell(notes)
         return baked
 
+    def drop(self):
+        """Nobody will ask for it; its folder knows its files."""
+
 
 class Failure:
     """A mistake in a bake, shown where its result is asked for."""
 
-    elsewhere = False
+    elsewhere, lasts = False, True
 
     def __init__(self, text):
         self._text = text
@@ -55,6 +60,9 @@ class Failure:
 
     def given(self, *_):
         raise RuntimeError(self._text)
+
+    def drop(self):
+        pass
 
     @staticmethod
     def of(function):
@@ -132,8 +140,10 @@ class Bakes:
         with self._lock:
             for key in [key for key in self._jobs if key not in self._asked]:
                 self._jobs.pop(key)[1].cancelled = True
-            for key in [key for key in self._done if key not in self._used][:-MOST_KEPT]:
-                del self._done[key]
+            unused = {key: result.lasts for key, result in self._done.items() if key not in self._used}
+            lasting = [key for key, lasts in unused.items() if lasts]
+            for key in [key for key, lasts in unused.items() if not lasts] + lasting[:-MOST_KEPT]:
+                self._done.pop(key).drop()
             for key, job in self._asked.items():
                 self._jobs.setdefault(key, job)
             if self._jobs and self._thread is None:
@@ -170,7 +180,9 @@ class Bakes:
             except Cancelled:
                 continue
             with self._lock:
-                if not job.cancelled:
+                if job.cancelled:
+                    result.drop()
+                else:
                     del self._jobs[here]
                     self._done[anywhere if result.elsewhere else here] = result
                     self._news = True

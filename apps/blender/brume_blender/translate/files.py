@@ -74,13 +74,13 @@ class Folder:
 
     def forget_frame(self):
         """What is another one at another frame, meshes apart, which Blender tells of."""
-        self.pictures.forget(lambda picture: picture.moves)
+        self.pictures.forget_moving()
         kept = lambda value: not value.moves if hasattr(value, "moves") else value.endswith(".ply")  # noqa: E731
         self.written = {key: value for key, value in self.written.items() if kept(value)}
 
     def forget_pictures(self):
         """Images that have changed, and what was painted of them."""
-        self.pictures.forget(lambda picture: True)
+        self.pictures.forget()
         self.written = {key: value for key, value in self.written.items() if not hasattr(value, "moves")}
 
     def remove_unused(self, text):

@@ -104,6 +104,18 @@ def signature(tree):
     return "\n".join(lines)
 
 
+def nodes_of(tree):
+    """A tree's nodes, and those of the groups in it."""
+    trees, found = [tree], []
+    for each in trees:  # which grows
+        found += each.nodes
+        for node in each.nodes:
+            inner = getattr(node, "node_tree", None)
+            if inner is not None and inner not in trees:
+                trees.append(inner)
+    return found
+
+
 def as_the_camera_sees(plug, say):
     """What nodes tell that tell rays and sides of a surface apart: of camera rays, and of the front; None: it is no such node.
     @param say  function of a text: what became of a material"""

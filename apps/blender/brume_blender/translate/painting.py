@@ -1,12 +1,13 @@
 """Pictures that nodes compute for surfaces and worlds, some texels at a time: F12's check may end them in between, and a viewport has
 them computed in a thread of their own."""
 
+import contextlib
 import os
 
 import numpy as np
 
 from .beside import Cancelled, Failure, Pending
-from .pictures import write_exr
+from .pictures import repair, write_exr
 
 STEP = 1 << 13  # texels at once
 
@@ -19,19 +20,29 @@ class Painting:
         self._size, self._computed, self._is_light = size, computed, is_light
 
     def write(self, path, check):
-        """@param check  called several times a second; may throw   @return what the stored values have to be multiplied by"""
+        """@param check  called several times a second; may throw
+        @return (what the stored values have to be multiplied by, how many were NaN or infinite)"""
         width, height = self._size
         picture = np.empty((width * height, 3), np.float32)
         for first in range(0, len(picture), STEP):
             check()
             last = min(first + STEP, len(picture))
-            picture[first:last] = np.clip(self._computed(first, last), 0, None if self._is_light else 1)
+            picture[first:last] = self._computed(first, last)
+        repaired = repair(picture)
+        np.clip(picture, 0, None if self._is_light else 1, out=picture)
         peak = 1.0
         if self._is_light:
             peak = float(max(picture.max(), 1e-9))
             picture /= peak
         write_exr(path, picture.reshape(height, width, 3), check)
-        return peak
+        return peak, repaired
+
+
+def mean_of(values):
+    """What is taken for a picture while it is being painted. @param values  some of its own, (N, 3)"""
+    values = np.array(values, np.float32)
+    repair(values)
+    return values.mean(0, dtype=float)
 
 
 class AtOnce:
@@ -41,11 +52,11 @@ class AtOnce:
         self._folder, self._check = folder, check
 
     def painted(self, key, names, made):
-        """(path, peak). @param key  of what is in it   @param names  parts of the file's name   @param made  function that gives
-        the Painting"""
+        """(path, peak, repaired), as of Painting.write. @param key  of what is in it   @param names  parts of the file's name
+        @param made  function that gives the Painting"""
         painting = made()
         path = self._folder.new(".exr", *names)
-        return path, painting.write(path, self._check)
+        return path, *painting.write(path, self._check)
 
 
 class Beside:
@@ -56,10 +67,10 @@ class Beside:
 
     def painted(self, key, names, made):
         """As AtOnce.painted. @throws Pending: it is not there yet"""
-        part, peak = self._bakes.result(("picture", *key), lambda: _Job(names[-1], self._folder, made())).given()
+        part, *about = self._bakes.result(("picture", *key), lambda: _Job(names[-1], self._folder, made())).given()
         path = self._folder.new(".exr", *names)
         os.replace(part, path)
-        return path, peak
+        return path, *about
 
 
 class _Job:
@@ -74,7 +85,7 @@ class _Job:
         return Failure.of(self._written)
 
     def _written(self):
-        return _Written(self._path, self._painting.write(self._path, self._check))
+        return _Written(self._path, *self._painting.write(self._path, self._check))
 
     def _check(self):
         if self.cancelled:
@@ -82,13 +93,17 @@ class _Job:
 
 
 class _Written:
-    elsewhere = False
+    elsewhere = lasts = False
 
-    def __init__(self, path, peak):
-        self._path, self._peak = path, peak
+    def __init__(self, path, *about):
+        self._path, self._about = path, about
 
     def is_there(self):
         return os.path.exists(self._path)
 
     def given(self):
-        return self._path, self._peak
+        return self._path, *self._about
+
+    def drop(self):
+        with contextlib.suppress(FileNotFoundError):  # it has its place in the scene
+            os.remove(self._path)

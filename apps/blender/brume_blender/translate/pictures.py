@@ -1,6 +1,7 @@
 """Pictures as arrays: Blender's images, files that brume reads, look-ups."""
 
 import contextlib
+import itertools
 import os
 import struct
 
@@ -21,6 +22,24 @@ def is_linear(image):
     return image.colorspace_settings.name in LINEAR
 
 
+def moves(image):
+    """Whether it is another one at other frames."""
+    return image.source in ("SEQUENCE", "MOVIE")
+
+
+def repair(values):
+    """Makes NaN 0 and infinity the largest of the other values, as brume does to files that it reads. @return how many there were"""
+    count = values.size - int(np.count_nonzero(np.isfinite(values)))
+    if count:
+        largest = values.max(initial=0, where=np.isfinite(values))
+        np.nan_to_num(values, copy=False, nan=0, posinf=largest, neginf=0)
+    return count
+
+
+def repaired_text(count):
+    return f"has {count} values that are no finite numbers: NaN became 0, infinity the largest of the others"
+
+
 def is_cut(node, picture):
     """Whether the colours of an Image Texture are times its picture's alpha: where its own Alpha is not used."""
     own = picture.channels == 4 and picture.alpha_mode in ("STRAIGHT", "PREMUL") and picture.space not in DATA
@@ -34,14 +53,17 @@ class Pictures:
 
     def __init__(self):
         self._known = {}  # by name, the latest last
+        self._serials, self._numbers = {}, itertools.count()  # by name: (number, whether the image moves)
 
     def of(self, image):
         """@param image  of Blender's, a Picture already, or None, of an Image Texture that has none"""
         if image is None or isinstance(image, Picture):
             return image or Picture(None)
         picture = self._known.pop(image.name_full, None)
-        if picture is None or not picture.is_of(image):
-            picture = Picture(image)
+        if picture is not None and not picture.is_of(image):
+            picture = None
+            self._serials.pop(image.name_full, None)
+        picture = picture or Picture(image)
         self._known[image.name_full] = picture
         total = 0
         for name, other in reversed(list(self._known.items())):
@@ -50,9 +72,16 @@ class Pictures:
                 del self._known[name]
         return picture
 
-    def forget(self, which):
-        """@param which  of them, by a function"""
-        self._known = {name: picture for name, picture in self._known.items() if not which(picture)}
+    def serials(self, images):
+        """Numbers of images, for keys of what is made of them: others once they were forgotten, the same where only room was needed."""
+        return tuple(self._serials.setdefault(image.name_full, (next(self._numbers), moves(image)))[0] for image in images)
+
+    def forget(self):
+        self._known, self._serials = {}, {}
+
+    def forget_moving(self):
+        self._known = {name: picture for name, picture in self._known.items() if not picture.moves}
+        self._serials = {name: (number, moving) for name, (number, moving) in self._serials.items() if not moving}
 
 
 class Picture:
@@ -68,7 +97,10 @@ class Picture:
         else:
             raw = np.empty(width * height * channels, np.float32)
             image.pixels.foreach_get(raw)
-        if not self._is_float:  # bytes in Blender, too
+        self._repaired = 0
+        if self._is_float:
+            self._repaired = repair(raw)  # here, as look-ups between texels would smear it
+        else:  # bytes in Blender, too
             raw *= 255
             raw += 0.5
             raw = raw.astype(np.uint8)
@@ -89,6 +121,8 @@ class Picture:
             notes.say(name, f"the image {self.name} is not there: it is magenta" if self.name else "an Image Texture has no image: it is magenta")
         elif not self._is_float and self.space not in LINEAR and self.space not in SRGB:
             notes.say(name, f"the colour space {self.space} of the image {self.name} is taken as sRGB")
+        if self._repaired:
+            notes.say(name, f"the image {self.name} {repaired_text(self._repaired)}")
 
     def some(self):
         """(rows, columns) of texels that are spread evenly: all of a small picture."""
@@ -133,8 +167,7 @@ class Picture:
 def _settings_of(image):
     if image is None or image.size[0] * image.size[1] * image.channels == 0:
         return (1, 1), 4, True, "STRAIGHT", "Linear", False
-    moves = image.source in ("SEQUENCE", "MOVIE")
-    return tuple(image.size), image.channels, image.is_float, image.alpha_mode, image.colorspace_settings.name, moves
+    return tuple(image.size), image.channels, image.is_float, image.alpha_mode, image.colorspace_settings.name, moves(image)
 
 
 def file_of(image):

@@ -1,16 +1,16 @@
 """Colours of surfaces: one colour, or a picture by a UV map."""
 
-from dataclasses import dataclass
+from dataclasses import dataclass, field
 
 import numpy as np
 
 from .beside import Pending
 from .frozen import frozen, images_read
 from .node_values import UnknownNode, Values
-from .nodes import as_the_camera_sees, signature
+from .nodes import as_the_camera_sees, nodes_of, signature
 from .notes import Notes
-from .painting import Painting
-from .pictures import file_of, is_cut, is_linear
+from .painting import Painting, mean_of
+from .pictures import file_of, is_cut, is_linear, moves, repaired_text
 
 PROBES = 2048  # points by which colours are told apart
 TEXELS = 1 << 18  # of a picture of triangles, unless these are more
@@ -62,6 +62,7 @@ class Texture:
 
     path: str  # None: it is being painted
     peak: float = 1.0
+    remarks: Notes = field(default_factory=Notes)  # which every translation that shows it says
     moves: bool = False  # from frame to frame, of itself
     uv_map: str = ""
     matrix: np.ndarray = None
@@ -71,6 +72,13 @@ class Texture:
     def placement(self):
         """Equal where a mesh's corners are at the same place of the picture."""
         return self.atlas.key() if self.atlas is not None else (self.uv_map, self.matrix.tobytes(), self.offset.tobytes())
+
+    def painted(self, name, path, peak, repaired):
+        """It has been. @param name  of the material or world   @return itself"""
+        self.path, self.peak = path, peak
+        if repaired:
+            self.remarks.say(name, f"the picture that its nodes compute {repaired_text(repaired)}")
+        return self
 
 
 class Textures:
@@ -125,7 +133,8 @@ class Textures:
             self._notes.say(name, f"{what}; {STAND_IN} is taken for it")
         if np.ptp(probed, axis=0).max() < 1e-6:
             return probed[0].astype(float), None
-        key = (*surface.key, wanted.key(), probed.tobytes(), tuple(np.broadcast_to(gain, 3)))
+        serials = self._pictures.serials(wanted.images())
+        key = (*surface.key, wanted.key(), probed.tobytes(), tuple(np.broadcast_to(gain, 3)), serials)
         atlas = Atlas(surface.count, TEXELS)
 
         def painting():
@@ -137,20 +146,22 @@ class Textures:
 
             return Painting(atlas.size, colours, wanted.is_light)
 
-        return self._painted(key, ("texture", name), painting, Texture(None, atlas=atlas, moves=wanted.moves()), probed)
+        return self._painted(key, name, name, painting, Texture(None, atlas=atlas, moves=wanted.moves()), probed)
 
     def _texture(self, wanted, gain, name, surface):
         """@throws UnknownNode: it is not of one image"""
         found = []
-        key = (wanted.key(), tuple(np.broadcast_to(gain, 3)), *wanted.signatures())
+        key = (wanted.key(), tuple(np.broadcast_to(gain, 3)), *wanted.signatures(), self._pictures.serials(wanted.images()))
         if key in self._written:
-            return np.full(3, self._written[key].peak), self._written[key]
-        values = wanted.of(Values(self._texels(found, name, lambda p: p.some())))
+            return self._known(key)
+        remarks = Notes()
+        values = wanted.of(Values(self._texels(found, name, lambda p: p.some(), remarks)))
         image_plug = found[0]
         node, picture = image_plug.node, self._pictures.of(image_plug.node.image)
-        self._say_settings(node, name)
+        _say_settings(node, name, remarks)
+        remarks.tell(self._notes)
         uv_map, matrix, offset = self._coordinates(image_plug)
-        made = Texture(None, uv_map=uv_map, matrix=matrix, offset=offset, moves=picture.moves)
+        made = Texture(None, uv_map=uv_map, matrix=matrix, offset=offset, moves=picture.moves, remarks=remarks)
         path = file_of(node.image)
         direct = np.all(gain == 1) and wanted.is_just(image_plug) and path is not None and _read_alike(node.image, path)
         if direct and not (wanted.is_light and node.image.is_float) and (not is_cut(node, picture) or picture.is_opaque()):
@@ -167,22 +178,26 @@ class Textures:
 
             return Painting(picture.size, colours, wanted.is_light)
 
-        return self._painted(key, ("texture", picture.name), painting, made, wanted.clipped(gain * np.atleast_2d(values)))
+        return self._painted(key, name, picture.name, painting, made, wanted.clipped(gain * np.atleast_2d(values)))
 
-    def _painted(self, key, names, painting, made, values):
-        """(colour, Texture). @param made  the Texture without its path   @param values  some of what is painted, (N, 3)"""
+    def _painted(self, key, name, file, painting, made, values):
+        """(colour, Texture). @param name  of the material   @param file  of the file   @param made  the Texture without its path
+        @param values  some of what is painted, (N, 3)"""
         if key not in self._written:
             try:
-                made.path, made.peak = self._painter.painted(key, names, painting)
+                self._written[key] = made.painted(name, *self._painter.painted(key, ("texture", file), painting))
             except Pending:
-                return values.mean(0).astype(float), made
-            self._written[key] = made
-        return np.full(3, self._written[key].peak), self._written[key]
+                return mean_of(values), made
+        return self._known(key)
 
-    def _texels(self, found, name, texels, notes=None):
+    def _known(self, key):
+        written = self._written[key]
+        written.remarks.tell(self._notes)
+        return np.full(3, written.peak), written
+
+    def _texels(self, found, name, texels, notes):
         """Leaves at texels of one image. @param found  plugs of it, which are added   @param texels  function of its Picture: rows
         and columns"""
-        notes = self._notes if notes is None else notes
 
         def leaves(p):
             if p.node.type != "TEX_IMAGE":
@@ -199,14 +214,6 @@ class Textures:
             return picture.at(*texels(picture), is_cut(p.node, picture))
 
         return leaves
-
-    def _say_settings(self, node, name):
-        if node.projection != "FLAT":
-            self._notes.say(name, f"the material's image is projected {node.projection.lower()}; it lies flat by its UV map")
-        if node.extension != "REPEAT":
-            self._notes.say(name, f"the material's image ({node.extension.lower()}) repeats beyond its edges")
-        if node.interpolation not in ("Linear", "Smart"):
-            self._notes.say(name, f"the material's image ({node.interpolation.lower()}) is interpolated linearly")
 
     def _coordinates(self, image_plug):
         """(UV map, matrix, offset). @throws UnknownNode: coordinates that are no affine function of a UV map"""
@@ -237,6 +244,15 @@ class Textures:
         return maps.pop(), matrix, offset
 
 
+def _say_settings(node, name, notes):
+    if node.projection != "FLAT":
+        notes.say(name, f"the material's image is projected {node.projection.lower()}; it lies flat by its UV map")
+    if node.extension != "REPEAT":
+        notes.say(name, f"the material's image ({node.extension.lower()}) repeats beyond its edges")
+    if node.interpolation not in ("Linear", "Smart"):
+        notes.say(name, f"the material's image ({node.interpolation.lower()}) is interpolated linearly")
+
+
 def _stand_in(plug, lacking):
     """For nodes without a counterpart."""
     return STAND_IN if plug.socket.type == "VALUE" else np.full(3, STAND_IN)
@@ -265,9 +281,12 @@ class _Wanted:
 
     def moves(self):
         """Whether it shows images that are others at other frames."""
-        nodes = [node for plug in self._plugs for tree in _trees_of(plug) for node in tree.nodes]
-        images = [node.image for node in nodes if getattr(node, "image", None) is not None]
-        return any(image.source in ("SEQUENCE", "MOVIE") for image in images)
+        return any(map(moves, self.images()))
+
+    def images(self):
+        """Of all nodes where it is computed, and of the groups in there."""
+        nodes = [node for plug in self._plugs for tree in _trees_of(plug) for node in nodes_of(tree)]
+        return [node.image for node in nodes if getattr(node, "image", None) is not None]
 
     def key(self):
         plugs = self._plugs if self._blended else [self._what.resolve()]

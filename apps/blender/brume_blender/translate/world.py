@@ -7,10 +7,10 @@ import numpy as np
 from .beside import Pending
 from .frozen import frozen, images_read
 from .node_values import UnknownNode, Values
-from .nodes import output_of, signature, tree_of
+from .nodes import nodes_of, output_of, signature, tree_of
 from .notes import Notes
-from .painting import Painting
-from .pictures import file_of, is_linear
+from .painting import Painting, mean_of
+from .pictures import file_of, is_linear, moves
 from .sky import sky_tables
 from .textures import Texture
 from .toml_text import Table
@@ -86,7 +86,7 @@ class _Background:
 
     def _look_at_camera_rays(self, table, shader):
         """Of worlds that look another way to the camera, brume knows those that it does not see."""
-        if not any(node.type == "LIGHT_PATH" for node in self._world.node_tree.nodes):
+        if not any(node.type == "LIGHT_PATH" for node in nodes_of(self._world.node_tree)):
             return
         seen = self._constant_radiance(shader, camera=1.0)
         if seen is not None and not seen.any():
@@ -144,7 +144,8 @@ class _Background:
     def _bake(self, table, shader):
         """Writes a picture of what the nodes compute."""
         width, height = BAKED
-        for image in _images(self._world.node_tree):
+        images = [n.image for n in nodes_of(self._world.node_tree) if n.type == "TEX_ENVIRONMENT" and n.image is not None]
+        for image in images:
             if image.size[0] > width:
                 width, height = min(image.size[0], LARGEST[0]), min(image.size[0] // 2, LARGEST[1])
         try:
@@ -152,16 +153,16 @@ class _Background:
         except UnknownNode as unknown:
             self._notes.say(self._world.name, f"depends on {unknown}, which brume lacks; it is black")
             return
-        key = ("world", signature(self._world.node_tree))
+        key = ("world", signature(self._world.node_tree), self._folder.pictures.serials(images))
         if key not in self._folder.written:
             try:
-                path, peak = self._painter.painted(key, ("world",), lambda: self._painting(shader, width, height))
+                painted = self._painter.painted(key, ("world",), lambda: self._painting(shader, width, height))
             except Pending:
-                table.set(radiance=seen.mean(0))
+                table.set(radiance=mean_of(seen))
                 return
-            moves = any(image.source in ("SEQUENCE", "MOVIE") for image in _images(self._world.node_tree))
-            self._folder.written[key] = Texture(path, peak, moves)
+            self._folder.written[key] = Texture(None, moves=any(map(moves, images))).painted(self._name, *painted)
         written = self._folder.written[key]
+        written.remarks.tell(self._notes)
         table.set(file=self._folder.named(written.path), radiance=[written.peak] * 3)
         self._notes.say(self._world.name, f"its nodes are taken as a picture of {width} x {height}")
 
@@ -197,10 +198,6 @@ class _Background:
         picture = self._folder.pictures.of(node.image)
         picture.say_what_it_is(notes, self._name)
         return picture.looked_up(u, v)
-
-
-def _images(tree):
-    return [n.image for n in tree.nodes if n.type == "TEX_ENVIRONMENT" and n.image is not None]
 
 
 def _place(table, picture_from_world):
