@@ -25,8 +25,8 @@ void check_viewable(const ViewOptions& options) {
   const auto there = std::find_if(options.frames.begin(), options.frames.end(), [&](int number) {
     return std::filesystem::exists(file_of_frame(options.scene, number), ignored);
   });
-  const int frame = options.frames.empty() ? 0 : there == options.frames.end() ? options.frames.front() : *there;
-  const std::filesystem::path file = file_of_frame(options.scene, frame);
+  const bool found = there != options.frames.end();
+  const std::filesystem::path file = found ? file_of_frame(options.scene, *there) : options.scene;
   check_exists(file);
   if (is_frame_file(options.scene)) {
     if (!options.overrides.empty())
@@ -40,7 +40,7 @@ void check_viewable(const ViewOptions& options) {
                                  options.map.string(), file.string()));
   if (is_volume(file)) return;
   std::vector<std::string> overrides = options.overrides;
-  if (!options.frames.empty()) overrides.push_back(fmt::format("render.frame={}", frame));
+  if (found) overrides.push_back(fmt::format("render.frame={}", *there));
   read_scene_alone(file, overrides);
 }
 

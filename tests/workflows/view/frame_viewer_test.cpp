@@ -193,6 +193,7 @@ TEST_F(FrameView, AMapNamesThePictureAndItsLights) {
 
 TEST_F(FrameView, WhatCannotBeShownIsSaid) {
   EXPECT_TRUE(holds(said_of({.scene = folder_ / "none.exr"}), "no such file"));
+  EXPECT_TRUE(holds(said_of({.scene = folder_ / "none.#.exr"}), "none.#.exr: no file of that name is there"));
   const std::string own = write("own.exr", own_frame());
   EXPECT_EQ(said_of({.scene = own}), "");
   EXPECT_TRUE(holds(said_of({.scene = own, .overrides = {"camera.fov=3"}}), "has no keys to set"));
