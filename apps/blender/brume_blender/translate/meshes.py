@@ -38,7 +38,7 @@ class Geometry:
 
     def spanned(self):
         """The volume that its triangles span, negative where they face inwards."""
-        a, b, c = ((self.points - self.points.mean(0)).astype(float)[self.vertices[:, i]] for i in range(3))
+        a, b, c = (self.points.astype(float)[self.vertices[:, i]] for i in range(3))
         return np.einsum("ij,ij->i", a, np.cross(b, c)).sum() / 6
 
     def uv(self, name):
