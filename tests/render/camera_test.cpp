@@ -21,6 +21,15 @@ CameraSettings settings() {
   return s;
 }
 
+CameraSettings with_lens(int blades) {
+  CameraSettings s = settings();
+  s.lens_radius = 0.3;
+  s.focus_distance = 4;
+  s.blades = blades;
+  s.blade_rotation = 12;
+  return s;
+}
+
 TEST(Camera, OrthographicRaysAreParallelAndAsWideAsAsked) {
   CameraSettings s = settings();
   s.type = "orthographic";
@@ -106,11 +115,7 @@ TEST(Camera, ABeamHoldsEveryRayOfItsPixel) {
 // Points of a lens by area and direction: even in both, they fill it as uniform ones do.
 TEST(Camera, ItsLensHasAMiddleAndPlacesByDirection) {
   for (const int blades : {0, 5, 6}) {
-    CameraSettings s = settings();
-    s.lens_radius = 0.3;
-    s.focus_distance = 4;
-    s.blades = blades;
-    s.blade_rotation = 12;
+    const CameraSettings s = with_lens(blades);
     const Camera lens(s, 60, 40);
     EXPECT_LT(glm::distance(lens.ray({50, 9}).o, s.position), 1e-12);
     const double rim = glm::distance(lens.ray({50, 9}, lens.lens_at(0, 1 - 1e-9)).o, s.position);
@@ -134,11 +139,7 @@ TEST(Camera, ItsLensHasAMiddleAndPlacesByDirection) {
 TEST(Camera, ALensFocuses) {
   Rng rng(1);
   for (const int blades : {0, 6}) {
-    CameraSettings s = settings();
-    s.lens_radius = 0.3;
-    s.focus_distance = 4;
-    s.blades = blades;
-    s.blade_rotation = 12;
+    CameraSettings s = with_lens(blades);
     const Camera lens(s, 60, 40);
     s.lens_radius = 0;
     const Camera pinhole(s, 60, 40);
