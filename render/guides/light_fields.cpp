@@ -149,7 +149,8 @@ LightFields::LightFields(const std::vector<GuideMedia>& times, const Lights& lig
     return Lattice::over(media.lo(), media.hi(), voxels * media.voxel(), static_cast<size_t>(most));
   };
   fine_ = lattice();
-  if (media.instances()) {  // often in a thin layer, whose rows are mostly padding
+  if (media.instances()) {
+    if (const char* e = getenv("NODES")) most = atof(e);
     most *= static_cast<double>(fine_.n.z) / fine_.row();
     fine_ = lattice();
   }
@@ -267,7 +268,8 @@ void LightFields::solve(GuideLight& light, const LightSolve& solving, Scattering
     scattered.drop_second();
     if (ambient_light_) fine.add(scattered, fine_orders);
   }
-  const Emission emission = coarse.emission_from(fine, scattered);
+  const Emission emission = coarse.emission_from(fine, std::exchange(scattered, {}));
+  fine.release();
   NodeValues before;
   double sum = 0, tail_before = 0;
   TailSum tail(coarse);
@@ -303,6 +305,7 @@ void LightFields::solve(GuideLight& light, const LightSolve& solving, Scattering
     light.orders.back() = tail.sum();
     break;
   }
+  coarse.release();
   if (ambient_light_) add_to_ambient(light, fine_orders, fine, coarse);
 }
 

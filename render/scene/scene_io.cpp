@@ -11,6 +11,7 @@
 #include "base/missing_file.h"
 #include "base/text.h"
 #include "render/scene/camera_keys.h"
+#include "render/scene/instance_times.h"
 #include "render/scene/light_groups.h"
 #include "render/scene/scene_fields.h"
 #include "render/scene/scene_fingerprint.h"
@@ -221,11 +222,11 @@ void set_frame(Parser& parser, VolumeSettings& v, const toml::value& table, cons
   if (t.first >= 0 && t.last >= 0 && t.last < t.first)
     fail_at(fmt::format("'last' is {}, before first = {}", t.last, t.first), time.at("last"),
             "expected a frame after it");
-  set_in_time(
-      v, [&](const char* key) { return parser.name_of_file(key); }, scene.render.frame, scene.camera.shutter,
-      [&](const std::string& key, const std::string& message, const std::string& expected) {
-        fail_at(message, table.at(key), expected);
-      });
+  for (const auto& [key, file] : kVolumeFiles) v.moment.names[key] = parser.name_of_file(key);
+  set_in_time(v, scene.render.frame, scene.camera.shutter,
+              [&](const std::string& key, const std::string& message, const std::string& expected) {
+                fail_at(message, table.at(key), expected);
+              });
   for (const auto& [key, file] : kVolumeFiles) parser.take_file(key, v.*file);
 }
 
@@ -476,6 +477,7 @@ Scene scene_from(std::istream& stream, const fs::path& path, std::span<const std
   tables.array("lights", scene.lights, check_light, kNothing);
   read_surfaces(tables, arrays, scene);
   read_instances(tables, arrays, volumes, scene);
+  set_instances_in_time(scene);
   check_places(root, "volumes", arrays.volumes);
   check_places(root, "instances", arrays.instances);
   check_places(root, "surfaces", arrays.meshes);
