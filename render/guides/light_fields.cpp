@@ -149,8 +149,7 @@ LightFields::LightFields(const std::vector<GuideMedia>& times, const Lights& lig
     return Lattice::over(media.lo(), media.hi(), voxels * media.voxel(), static_cast<size_t>(most));
   };
   fine_ = lattice();
-  if (media.instances()) {
-    if (const char* e = getenv("NODES")) most = atof(e);
+  if (media.instances()) {  // often in a thin layer, whose rows are mostly padding
     most *= static_cast<double>(fine_.n.z) / fine_.row();
     fine_ = lattice();
   }
