@@ -6,7 +6,7 @@ include(CMakePackageConfigHelpers)
 # One static archive of all rooms. Static, because its C++ interface promises no binary compatibility from version to
 # version, and filters put themselves on the list: a program links the whole archive.
 add_library(brume_archive STATIC $<TARGET_OBJECTS:brume_base> $<TARGET_OBJECTS:brume_image> $<TARGET_OBJECTS:brume_volume>
-  $<TARGET_OBJECTS:brume_scene> $<TARGET_OBJECTS:brume_world> $<TARGET_OBJECTS:brume_transport>
+  $<TARGET_OBJECTS:brume_files> $<TARGET_OBJECTS:brume_scene> $<TARGET_OBJECTS:brume_world> $<TARGET_OBJECTS:brume_transport>
   $<TARGET_OBJECTS:brume_guides> $<TARGET_OBJECTS:brume_film> $<TARGET_OBJECTS:brume_session> $<TARGET_OBJECTS:brume_filters> $<TARGET_OBJECTS:brume_evaluate>
   $<TARGET_OBJECTS:brume_workflows>)
 set_target_properties(brume_archive PROPERTIES OUTPUT_NAME brume LINKER_LANGUAGE CXX)

@@ -4,7 +4,7 @@
 #include <iterator>
 #include <utility>
 
-#include "render/world/mesh.h"
+#include "render/files/mesh.h"
 #include "render/world/volume_fields.h"
 
 namespace brume {

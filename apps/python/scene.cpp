@@ -9,7 +9,7 @@
 #include "apps/python/render.h"
 #include "base/text.h"
 #include "help_scene_txt.h"
-#include "render/world/mesh.h"
+#include "render/files/mesh.h"
 #include "workflows/render_frame.h"
 
 namespace brume::python {
@@ -131,6 +131,7 @@ py::dict arrays_of(const InstanceList& places) {
   arrays["matrices"] = matrices;
   if (!places.densities.empty()) arrays["densities"] = py::array_t<double>(count, places.densities.data());
   if (!places.tints.empty()) arrays["tints"] = array_of<double>(places.tints);
+  if (!places.time_offsets.empty()) arrays["time_offsets"] = py::array_t<double>(count, places.time_offsets.data());
   return arrays;
 }
 

@@ -90,6 +90,7 @@ class SceneChanges {
     std::optional<std::vector<dmat4>> matrices;
     std::optional<std::vector<double>> densities;
     std::optional<std::vector<dvec3>> tints;
+    std::optional<std::vector<double>> time_offsets;
   };
   std::vector<std::string> overrides_;
   std::map<size_t, VolumeArrays> volumes_;

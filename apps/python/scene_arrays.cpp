@@ -9,9 +9,9 @@
 
 #include "apps/python/scene.h"
 #include "base/text.h"
-#include "render/world/instance_files.h"
-#include "render/world/mesh.h"
-#include "render/world/polygon.h"
+#include "render/files/mesh.h"
+#include "render/files/polygon.h"
+#include "render/scene/instance_files.h"
 #include "volume/placement.h"
 
 namespace brume::python {
@@ -21,7 +21,7 @@ using Doubles = py::array_t<double, py::array::c_style | py::array::forcecast>;
 
 const std::vector<std::string> kScalarGrids = {"density", "temperature", "flame"}, kVectorGrids = {"color", "velocity"},
                                kMeshArrays = {"vertices", "faces", "normals", "texcoords"},
-                               kInstanceArrays = {"matrices", "densities", "tints"},
+                               kInstanceArrays = {"matrices", "densities", "tints", "time_offsets"},
                                kLists = {"instances", "lights", "surfaces", "volumes"};
 
 bool is_one_of(const std::vector<std::string>& names, const std::string& name) {
@@ -124,7 +124,7 @@ Polygons polygons(const std::string& what, py::handle value) {
   return result;
 }
 
-/// Cuts polygons into triangles (render/world/polygon.h). Those of vertices that are not there become fans, which
+/// Cuts polygons into triangles (render/files/polygon.h). Those of vertices that are not there become fans, which
 /// place_mesh refuses.
 void cut_into_triangles(const Polygons& polygons, const std::string& name, TriangleMesh& mesh) {
   mesh.triangles.clear();
@@ -294,6 +294,7 @@ bool SceneChanges::take_array(const std::string& list, size_t index, const std::
     if (key == "matrices") places.matrices = matrices(what, value);
     if (key == "tints") places.tints = rows<dvec3>(what, value, "instances x 3");
     if (key == "densities") places.densities = numbers(what, value);
+    if (key == "time_offsets") places.time_offsets = numbers(what, value);
     return true;
   }
   if (list != "surfaces" || !is_one_of(kMeshArrays, key)) return false;
@@ -321,9 +322,10 @@ void SceneChanges::apply_arrays(SceneSource& source, const Task& task) const {
   for (const auto& [index, given] : instances_) {
     const auto known = source.arrays.instances.find(index);
     InstanceList list = known == source.arrays.instances.end() ? InstanceList() : *known->second.list;
-    if (given.matrices) list = {*given.matrices, {}, {}};
+    if (given.matrices) list = {*given.matrices, {}, {}, {}};
     if (given.densities) list.densities = *given.densities;
     if (given.tints) list.tints = *given.tints;
+    if (given.time_offsets) list.time_offsets = *given.time_offsets;
     std::string content = check_places(fmt::format("instances.{}", index), list);
     source.arrays.instances[index] = {std::make_shared<const InstanceList>(std::move(list)), std::move(content)};
   }

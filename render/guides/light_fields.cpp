@@ -267,7 +267,8 @@ void LightFields::solve(GuideLight& light, const LightSolve& solving, Scattering
     scattered.drop_second();
     if (ambient_light_) fine.add(scattered, fine_orders);
   }
-  const Emission emission = coarse.emission_from(fine, scattered);
+  const Emission emission = coarse.emission_from(fine, std::exchange(scattered, {}));
+  fine.release();
   NodeValues before;
   double sum = 0, tail_before = 0;
   TailSum tail(coarse);
@@ -303,6 +304,7 @@ void LightFields::solve(GuideLight& light, const LightSolve& solving, Scattering
     light.orders.back() = tail.sum();
     break;
   }
+  coarse.release();
   if (ambient_light_) add_to_ambient(light, fine_orders, fine, coarse);
 }
 

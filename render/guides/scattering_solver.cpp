@@ -121,8 +121,6 @@ ScatteringSolver::ScatteringSolver(const Lattice& lattice, const Task& task) : l
   y_major_ = {{n.z, n.x, n.y}, Lattice::padded(n.y), nullptr};
   for (NodeValues* field : {&extinction_, &scaled_, &albedo_, &linear_, &quadratic_, &cosine_})
     *field = NodeValues(lattice.size());
-  source_ = nothing<Emission>();
-  for (size_t a = 0; a < 4; ++a) y_major_source_[a] = NodeValues(y_major_.size());
   for (NodeValues* field : {&y_major_extinction_, &y_major_scaled_}) *field = NodeValues(y_major_.size());
   for (size_t k = 0; k < directions().size(); ++k) {
     bundles_[bundle_of(directions()[k])].directions.push_back(k);
@@ -391,7 +389,7 @@ Source ScatteringSolver::scatter(Radiance light) const {
 
 Radiance ScatteringSolver::transport(Source scattered) {
   const size_t known = scattered.known();
-  for (size_t a = 4; a < known; ++a)
+  for (size_t a = 0; a < known; ++a)
     if (source_[a].empty()) source_[a] = NodeValues(lattice_.size());
   each_row([&](size_t begin, size_t end) {
     for (size_t a = 0; a < known; ++a)

@@ -137,6 +137,12 @@ class ScatteringSolver {
   /// What `fine`, whose lattice has half the spacing, sends out at this lattice's nodes.
   Emission emission_from(const ScatteringSolver& fine, const Source& scattered) const;
 
+  /// Gives back the memory that sweeps need; the next one takes it again.
+  void release() {
+    source_ = y_major_source_ = {};
+    for (Bundle& bundle : bundles_) bundle.light = {};
+  }
+
   template <class Light>
   void add(const Light& from, Light& to) const {
     each_row([&](size_t begin, size_t end) {

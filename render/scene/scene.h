@@ -79,6 +79,9 @@ struct VolumeMoment {
   std::shared_ptr<const VolumeSettings> later;  ///< the same volume of the next file; null: it is not needed
   double share = 0;                             ///< of the way from the volume's files to those of `later`
   double frames = 1;                            ///< from one to the other
+  bool none = false;                            ///< whether there is no volume then
+  /// What the keys of the volume's files name, with a place for the frame's number.
+  std::map<std::string, std::filesystem::path> names;
 };
 
 struct VolumeSettings {
@@ -129,11 +132,12 @@ struct VolumeSettings {
   std::shared_ptr<const VolumeGrids> grids;
 };
 
-/// Places where a volume stands, in memory; equal lengths, or none of densities and tints.
+/// Places where a volume stands, in memory; equal lengths, or none of all but matrices.
 struct InstanceList {
   std::vector<dmat4> matrices;  ///< to the scene's space
   std::vector<double> densities;
   std::vector<dvec3> tints;
+  std::vector<double> time_offsets;  ///< frames of the volume's sequence
 };
 
 struct InstanceSettings {
@@ -144,6 +148,7 @@ struct InstanceSettings {
   dmat4 object_to_world{1};
   double density = 1;
   dvec3 tint{1};
+  double time_offset = 0;
   bool enabled = true;
   std::shared_ptr<const InstanceList> arrays;  ///< in place of matrices and file; not part of a scene's text
   std::string arrays_content;                  ///< tells them from others

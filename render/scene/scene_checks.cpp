@@ -275,11 +275,11 @@ void set_frame(TomlTable& parser, VolumeSettings& v, const toml::value& table, c
   if (t.first >= 0 && t.last >= 0 && t.last < t.first)
     fail_at(fmt::format("'last' is {}, before first = {}", t.last, t.first), time.at("last"),
             "expected a frame after it");
-  set_in_time(
-      v, [&](const char* key) { return parser.name_of_file(key); }, scene.render.frame, scene.camera.shutter,
-      [&](const std::string& key, const std::string& message, const std::string& expected) {
-        fail_at(message, table.at(key), expected);
-      });
+  for (const auto& [key, file] : kVolumeFiles) v.moment.names[key] = parser.name_of_file(key);
+  set_in_time(v, scene.render.frame, scene.camera.shutter,
+              [&](const std::string& key, const std::string& message, const std::string& expected) {
+                fail_at(message, table.at(key), expected);
+              });
   for (const auto& [key, file] : kVolumeFiles) parser.take_file(key, v.*file);
 }
 

@@ -351,11 +351,15 @@ void describe(Visitor& v, InstanceSettings& s) {
      "where it stands: [matrix, ...], each 4 x 4, rows first, applied after the volume's own object_to_world; points are columns"},
     s.matrices);
   v({"file", "",
-     "the same from a file, a place for each row of a CSV or each point of a PLY: x, y, z, and as far as they are there orientation, scale, density and tint; or m00 .. m23, rows of a matrix"},
+     "the same from a file, a place for each row of a CSV or each point of a PLY: x, y, z, and as far as they are there orientation, scale, density, tint and time_offset; or m00 .. m23, rows of a matrix"},
     s.file);
   v({"object_to_world", "", "4 x 4, rows first: moves all of them"}, s.object_to_world);
   v({"density", "1", "factor on the volume's density", 0}, s.density);
   v({"tint", "1", "factor on its albedo, grey or RGB", 0}, s.tint);
+  v({"time_offset", "frames",
+     "of a volume with a table time: added to its frame, for these places alone; one of each place, from its file, comes on top",
+     -1e9, 1e9},
+    s.time_offset);
   v({"enabled", "", "false leaves it out of the scene"}, s.enabled);
 }
 

@@ -11,6 +11,7 @@
 #include "base/missing_file.h"
 #include "base/text.h"
 #include "render/scene/camera_keys.h"
+#include "render/scene/instance_times.h"
 #include "render/scene/scene_checks.h"
 #include "render/scene/scene_fields.h"
 #include "render/scene/scene_fingerprint.h"
@@ -168,6 +169,7 @@ Scene scene_from(std::istream& stream, const fs::path& path, std::span<const std
   tables.array("lights", scene.lights, check_light, kNothing);
   read_surfaces(tables, arrays, scene);
   read_instances(tables, arrays, volumes, scene);
+  set_instances_in_time(scene);
   check_places(root, "volumes", arrays.volumes);
   check_places(root, "instances", arrays.instances);
   check_places(root, "surfaces", arrays.meshes);

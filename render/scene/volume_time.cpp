@@ -77,9 +77,12 @@ std::optional<FilePlace> place_among_files(const SequencePlace& place, std::span
   return FilePlace{before, share > 0 ? *above : before, share, frames};
 }
 
-void set_in_time(VolumeSettings& v, const std::function<fs::path(const char* key)>& name, int frame,
-                 const dvec2& shutter, const FailAtKey& fail) {
+void set_in_time(VolumeSettings& v, int frame, const dvec2& shutter, const FailAtKey& fail) {
   const VolumeTime& t = v.time;
+  const auto name = [&](const char* key) {
+    const auto found = v.moment.names.find(key);
+    return found == v.moment.names.end() ? fs::path() : found->second;
+  };
   const auto pattern = FramePattern::of(name("file"));
   if (!pattern)
     return fail("file", "'time' of a volume that is no sequence",
@@ -91,6 +94,8 @@ void set_in_time(VolumeSettings& v, const std::function<fs::path(const char* key
   if (last < first)
     return fail("time", fmt::format("the sequence ends with frame {}, before it begins with {}", last, first),
                 there + "; expected others as first and last");
+  v.moment.later = nullptr;
+  v.moment.none = false;
   const auto take = [&](VolumeSettings& volume, int number) {
     for (const auto& [key, file] : kVolumeFiles)
       if (const auto sequence = FramePattern::of(name(key))) volume.*file = sequence->path(number);
@@ -99,7 +104,7 @@ void set_in_time(VolumeSettings& v, const std::function<fs::path(const char* key
   const std::string which = fmt::format("frame {} of the scene is frame {:.6g} of the volume", frame, v.moment.frame);
   const std::optional<SequencePlace> place = place_in_sequence(v.moment.frame, first, last, t.beyond);
   if (!place && t.beyond == "empty") {
-    v.enabled = false;
+    v.moment.none = true;
     return take(v, files.front());
   }
   if (!place)

@@ -46,11 +46,8 @@ inline constexpr VolumeFileKey kVolumeFiles[] = {{"file", &VolumeSettings::file}
 /// Ends with an error at a key of the volume or of its table `time`.
 using FailAtKey = std::function<void(const std::string& key, const std::string& message, const std::string& expected)>;
 
-/// Has a volume's files be those of the frame that its table `time` says, and sets its moment; switches it off where
-/// there is nothing then.
-/// @param name   of the file of a key, with its frame's number in place; empty: the key is not there
+/// Has a volume's files be those of the frame that its table `time` says, and sets its moment, whose names say where.
 /// @param frame, shutter  of the scene
-void set_in_time(VolumeSettings& volume, const std::function<std::filesystem::path(const char* key)>& name, int frame,
-                 const dvec2& shutter, const FailAtKey& fail);
+void set_in_time(VolumeSettings& volume, int frame, const dvec2& shutter, const FailAtKey& fail);
 
 }  // namespace brume

@@ -4,7 +4,7 @@
 #include <cmath>
 #include <utility>
 
-#include "render/world/mesh.h"
+#include "render/files/mesh.h"
 
 namespace brume {
 namespace {

@@ -6,9 +6,9 @@
 #include <tuple>
 
 #include "base/error.h"
+#include "render/scene/instance_files.h"
 #include "render/world/atmosphere_sky.h"
 #include "render/world/everywhere.h"
-#include "render/world/instance_files.h"
 #include "render/world/volume_fields.h"
 #include "volume/array_volume.h"
 #include "volume/majorant_cost.h"
@@ -96,6 +96,7 @@ struct SceneMedia::Places {
     for (size_t k = 0; k < scene.instances.size(); ++k) {
       if (static_cast<size_t>(scene.instances[k].volume) != i) continue;
       const InstanceList some = places_of(scene.instances[k], fmt::format("instances.{}", k));
+      if (!some.time_offsets.empty()) refuse_time_offsets(k);
       all.matrices.insert(all.matrices.end(), some.matrices.begin(), some.matrices.end());
       all.densities.insert(all.densities.end(), some.densities.begin(), some.densities.end());
       all.tints.insert(all.tints.end(), some.tints.begin(), some.tints.end());
@@ -124,6 +125,12 @@ struct SceneMedia::Places {
       copy.albedo *= all.tints[k];
       add(copy, i).lists.back() = {own[k]};
     }
+  }
+  /// Those of sequences are gone by now: such places stand in volumes of their own frame.
+  [[noreturn]] static void refuse_time_offsets(size_t entry) {
+    throw InputError(fmt::format(
+        "instances.{}: its places have time offsets, and its volume no table time; expected that of a sequence",
+        entry));
   }
   Places& add(const VolumeSettings& v, size_t number) {
     world.volumes.push_back(v);
@@ -264,6 +271,7 @@ class SceneMedia::Loader {
     if (!places_.matrices.empty()) {
       origin.instances.clear();
       std::vector<Instance> all;
+      all.reserve(places_.matrices.size());
       for (size_t k = 0; k < places_.matrices.size(); ++k) {
         if (!(places_.densities[k] > 0)) continue;
         const dmat4 world_from_local =

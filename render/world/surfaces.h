@@ -10,7 +10,7 @@
 #include "render/scene/scene.h"
 #include "render/world/bsdf.h"
 #include "render/world/light_kinds.h"
-#include "render/world/mesh.h"
+#include "render/files/mesh.h"
 
 namespace brume {
 

@@ -51,7 +51,7 @@ TEST(Architecture, EachRoomIncludesOnlyWhatItMayKnow) {
 // Inside these the rooms stand in a row: each knows those before it and itself.
 TEST(Architecture, RoomsWithinRoomsKnowEachOtherInOneDirection) {
   const std::map<std::string, std::vector<std::string>> houses = {
-      {"render", {"scene", "world", "transport", "guides", "film", "session"}},
+      {"render", {"files", "scene", "world", "transport", "guides", "film", "session"}},
       {"filters",
        {"kernels", "inputs", "api", "patch", "window", "regression", "regression/transport", "multiscale", "per_sample",
         "learned", "combined", "run"}},

@@ -1,4 +1,4 @@
-#include "render/world/mesh.h"
+#include "render/files/mesh.h"
 
 #include "tests/fuzz/support.h"
 

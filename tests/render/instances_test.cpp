@@ -3,9 +3,9 @@
 #include <fstream>
 #include <set>
 
+#include "render/scene/instance_files.h"
 #include "render/scene/scene_io.h"
 #include "render/session/renderer.h"
-#include "render/world/instance_files.h"
 #include "render/world/media.h"
 #include "tests/support/error_of.h"
 #include "tests/support/files.h"
@@ -144,6 +144,38 @@ TEST_F(InstanceFiles, HoldPlacesTurnsAndScales) {
                 "");
   ASSERT_EQ(points.matrices.size(), 2u);
   EXPECT_EQ(dvec3(points.matrices[1] * glm::dvec4(1, 1, 1, 1)), dvec3(3, 5, 7));
+}
+
+// As spreadsheets, simulations and people write them: spaces, decimal commas, comments, blank lines, columns of text.
+TEST_F(InstanceFiles, MayBeWrittenInManyWays) {
+  const auto expect = [&](const std::string& text) {
+    const InstanceList list = places_of(written("a.csv", text), "");
+    ASSERT_EQ(list.matrices.size(), 2u) << text;
+    EXPECT_EQ(dvec3(list.matrices[1][3]), dvec3(1.5, 0, -2)) << text;
+    EXPECT_EQ(list.matrices[1][0].x, 0.5) << text;
+  };
+  expect("x,y,z,pscale\n0,0,0,1\n1.5,0,-2,0.5\n");
+  expect("x y z pscale\n0 0 0 1\n 1.5  0   -2 0.5 \n");
+  expect("x\ty\tz\tpscale\n0\t0\t0\t1\n1.5\t0\t-2\t0.5");
+  expect("x;y;z;pscale\n0,0;0,0;0,0;1,0\n1,5;0,0;-2,0;0,5\n");
+  expect("# clouds\n\nx, y, z, pscale\n0, 0, 0, 1\n  # the second\n1.5, 0, -2, 0.5\n\n\n");
+  expect("name,x,y,z,pscale\ncloud_a,0,0,0,1\ncloud_b,1.5,0,-2,0.5\n");
+  EXPECT_NE(error("a.csv", "x,y,z\n\n1,2,3\n# here\n1,two,3\n").find("line 5, column 'y': 'two' is no number"),
+            std::string::npos);
+}
+
+// z goes along N, y as far as it may along up.
+TEST_F(InstanceFiles, MayHaveNAndUpInsteadOfAQuaternion) {
+  const InstanceList list =
+      places_of(written("a.csv", "x,y,z,N.x,N.y,N.z,up.x,up.y,up.z,pscale\n1,2,3,4,0,0,0,0,9,2\n"), "");
+  const auto turned = [&](const dvec3& d) { return dvec3(list.matrices[0] * glm::dvec4(d, 0)); };
+  EXPECT_LT(glm::distance(turned({0, 0, 1}), dvec3(2, 0, 0)), 1e-12);
+  EXPECT_LT(glm::distance(turned({0, 1, 0}), dvec3(0, 0, 2)), 1e-12);
+  EXPECT_LT(glm::distance(turned({1, 0, 0}), dvec3(0, 2, 0)), 1e-12);
+  // Normals alone are those of a mesh.
+  EXPECT_EQ(places_of(written("a.csv", "x,y,z,nx,ny,nz\n0,0,0,1,0,0\n"), "").matrices[0], dmat4(1));
+  EXPECT_NE(error("a.csv", "x,y,z,nx,ny,nz,upx,upy,upz\n0,0,0,0,0,1,0,0,2\n").find("expected N above 0 and across up"),
+            std::string::npos);
 }
 
 TEST_F(InstanceFiles, SayWhatIsWrongAndWhere) {

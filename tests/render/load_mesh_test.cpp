@@ -2,7 +2,7 @@
 #include <gtest/gtest.h>
 
 #include "base/error.h"
-#include "render/world/mesh.h"
+#include "render/files/mesh.h"
 #include "tests/support/files.h"
 #include "tests/support/surface_scenes.h"
 #include "tests/support/volumes.h"

@@ -6,7 +6,7 @@
 #include <cstring>
 
 #include "base/error.h"
-#include "render/world/mesh.h"
+#include "render/files/mesh.h"
 #include "tests/support/files.h"
 
 namespace brume {

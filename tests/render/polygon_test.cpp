@@ -1,4 +1,4 @@
-#include "render/world/polygon.h"
+#include "render/files/polygon.h"
 
 #include <gtest/gtest.h>
 

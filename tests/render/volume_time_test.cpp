@@ -9,6 +9,7 @@
 #include <algorithm>
 #include <cmath>
 
+#include "render/scene/instance_files.h"
 #include "render/scene/scene_io.h"
 #include "render/session/renderer.h"
 #include "tests/support/error_of.h"
@@ -168,6 +169,62 @@ TEST(VolumeTime, TheHashFollowsWhatIsShown) {
   EXPECT_NE(hash("fps = 12, offset = 1", 1), hash("fps = 12, offset = 1", 2));
   EXPECT_NE(hash("fps = 12, offset = 1.25", 1), hash("fps = 12, offset = 1", 1));
   EXPECT_NE(hash("fps = 12, offset = 1", 1), hash("fps = 12, offset = 1, between = \"blend\"", 1));
+}
+
+/// "3: 2 places": for each volume of a scene its file and how many places show it.
+std::vector<std::string> shown_at_places(const Scene& scene) {
+  std::vector<std::string> shown;
+  for (size_t i = 0; i < scene.volumes.size(); ++i) {
+    size_t places = 0;
+    for (const InstanceSettings& s : scene.instances)
+      if (static_cast<size_t>(s.volume) == i) places += s.arrays ? s.arrays->matrices.size() : s.matrices.size();
+    const VolumeSettings& v = scene.volumes[i];
+    shown.push_back(fmt::format("{}{}: {} places", std::stoi(v.file.stem().extension().string().substr(1)),
+                                v.moment.later ? fmt::format(" + {:.6g}", v.moment.share) : "", places));
+  }
+  return shown;
+}
+
+TEST(VolumeTime, PlacesShowFramesOfTheirOwn) {
+  const Sequence s({1, 2, 3, 4});
+  test::write_file(s / "at.csv", "x,y,z,time_offset\n0,0,0,0\n1,0,0,1\n2,0,0,1\n3,0,0,4\n4,0,0,0.5\n");
+  const auto shown = [&](const std::string& time, int frame, const std::string& keys = "") {
+    return shown_at_places(
+        s.scene("time = {" + time + "}\n[[instances]]\nvolume = 0\nfile = \"at.csv\"\n" + keys, frame));
+  };
+  using Shown = std::vector<std::string>;
+  EXPECT_EQ(shown("beyond = \"loop\"", 1), (Shown{"1: 2 places", "2: 2 places", "1 + 0.5: 1 places"}));
+  EXPECT_EQ(shown("beyond = \"loop\", between = \"nearest\"", 2, "time_offset = 1\n"),
+            (Shown{"3: 2 places", "4: 3 places"}))
+      << "the entry's offset comes on top";
+  // Places before or after the sequence are not there; where that is all of them, the volume is not.
+  EXPECT_EQ(shown("beyond = \"empty\"", 3), (Shown{"3: 1 places", "4: 2 places", "3 + 0.5: 1 places"}));
+  EXPECT_EQ(shown("beyond = \"empty\"", 0), (Shown{"1: 2 places", "4: 1 places"})) << "though the volume is not there";
+  EXPECT_EQ(shown("beyond = \"empty\"", 9), Shown());
+  const std::string error = test::error_of([&] { shown("beyond = \"error\"", 2); });
+  EXPECT_TRUE(holds(error, "instances.0: place 3, its time offset 4: frame 2 of the scene is frame 6 of the volume"))
+      << error;
+  EXPECT_TRUE(holds(error, "there are files of the frames 1-4")) << error;
+}
+
+TEST(VolumeTime, PlacesOfOneVolumeHaveOneMatteAndTheirFactors) {
+  const Sequence s({1, 2});
+  test::write_file(s / "at.csv",
+                   "x,y,z,time_offset,density,tint_r,tint_g,tint_b\n0,0,0,0,1,1,1,1\n1,0,0,1,3,1,0.5,1\n");
+  const Scene scene = s.scene("time = {}\n[[instances]]\nvolume = 0\nfile = \"at.csv\"\ndensity = 2\n", 1);
+  ASSERT_EQ(scene.instances.size(), 2u);
+  for (const InstanceSettings& entry : scene.instances) EXPECT_EQ(entry.name, "s");
+  const InstanceList second = places_of(scene.instances[1], "");
+  EXPECT_EQ(second.densities, std::vector{6.0});
+  EXPECT_EQ(second.tints, std::vector{dvec3(1, 0.5, 1)});
+  EXPECT_EQ(dvec3(second.matrices[0][3]), dvec3(1, 0, 0));
+}
+
+TEST(VolumeTime, TimeOffsetsNeedASequence) {
+  const Sequence s({1, 2});
+  const std::string place = "matrices = [[[1,0,0,0],[0,1,0,0],[0,0,1,0],[0,0,0,1]]]\n";
+  EXPECT_TRUE(holds(s.error("[[instances]]\nvolume = 0\ntime_offset = 1\n" + place), "no sequence with a table time"));
+  EXPECT_EQ(s.error("time = {}\n[[instances]]\nvolume = 0\ntime_offset = 1\n" + place), "");
 }
 
 TEST(VolumeTime, FieldsHaveFilesOfTheirOwn) {

@@ -10,7 +10,7 @@
 #include "filters/api/registry.h"
 #include "image/exr_io.h"
 #include "render/scene/scene_io.h"
-#include "render/world/mesh.h"
+#include "render/files/mesh.h"
 #include "tests/support/files.h"
 #include "tests/support/volumes.h"
 #include "volume/array_volume.h"

@@ -4,7 +4,7 @@
 #include <string>
 #include <vector>
 
-#include "render/world/mesh.h"
+#include "render/files/mesh.h"
 
 namespace brume {
 

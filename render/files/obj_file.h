@@ -1,7 +1,7 @@
 #pragma once
 #include <filesystem>
 
-#include "render/world/mesh.h"
+#include "render/files/mesh.h"
 
 namespace brume {
 

@@ -1,4 +1,4 @@
-#include "render/world/polygon_mesh.h"
+#include "render/files/polygon_mesh.h"
 
 #include <fmt/format.h>
 
@@ -6,7 +6,7 @@
 #include <cmath>
 
 #include "base/error.h"
-#include "render/world/polygon.h"
+#include "render/files/polygon.h"
 
 namespace brume {
 namespace {

@@ -1,4 +1,4 @@
-#include "render/world/ply_file.h"
+#include "render/files/ply_file.h"
 
 #include <fmt/format.h>
 
@@ -16,8 +16,8 @@
 
 #include "base/error.h"
 #include "base/text.h"
-#include "render/world/file_numbers.h"
-#include "render/world/polygon_mesh.h"
+#include "render/files/file_numbers.h"
+#include "render/files/polygon_mesh.h"
 
 namespace brume {
 namespace {

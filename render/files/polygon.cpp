@@ -1,4 +1,4 @@
-#include "render/world/polygon.h"
+#include "render/files/polygon.h"
 
 #include <algorithm>
 #include <cmath>

@@ -1,4 +1,4 @@
-#include "render/world/instance_files.h"
+#include "render/scene/instance_files.h"
 
 #include <fmt/format.h>
 
@@ -7,6 +7,7 @@
 #include <bit>
 #include <cctype>
 #include <cmath>
+#include <limits>
 #include <optional>
 #include <span>
 #include <string_view>
@@ -15,8 +16,8 @@
 #include "base/error.h"
 #include "base/rng.h"
 #include "base/text.h"
-#include "render/world/file_numbers.h"
-#include "render/world/ply_file.h"
+#include "render/files/file_numbers.h"
+#include "render/files/ply_file.h"
 #include "volume/placement.h"
 
 namespace brume {
@@ -33,58 +34,76 @@ constexpr size_t kMost = 1 << 22;  // places of one entry: about 350 bytes each
 /// Numbers in named columns.
 struct Table {
   std::vector<std::string> columns;
-  std::vector<double> values;  ///< row by row
-  std::string row_name;        ///< "line" or "point"
-  size_t first_row = 1;        ///< what the first one is counted as
+  std::vector<double> values;           ///< row by row; not a number where there is text
+  std::string row_name;                 ///< "line" or "point"
+  std::vector<size_t> rows_at;          ///< what each row is counted as; empty: from 1
+  std::vector<std::string> first_text;  ///< of each column; empty where there are numbers alone
 
   size_t rows() const { return columns.empty() ? 0 : values.size() / columns.size(); }
+  size_t row_number(size_t row) const { return rows_at.empty() ? row + 1 : rows_at[row]; }
 };
 
+/// What stands between the columns of a line; a space where they have any number of these.
+char separator_of(const std::string& line) {
+  for (const char c : {',', ';', '\t'})
+    if (line.find(c) != std::string::npos) return c;
+  return ' ';
+}
+
+std::vector<std::string> words_of(const std::string& line, char separator) {
+  std::vector<std::string> words = split(line, separator);
+  for (std::string& word : words) std::erase_if(word, [](char c) { return c == ' ' || c == '\t' || c == '"'; });
+  if (separator == ' ') std::erase(words, "");
+  return words;
+}
+
+/// With a point or, where commas separate no columns, a comma before its decimals.
+std::optional<double> number_in(std::string word, char separator) {
+  if (separator != ',') std::replace(word.begin(), word.end(), ',', '.');
+  return to_number(word);
+}
+
+/// Blank lines and those that begin with # hold nothing.
 Table read_csv(const fs::path& path) {
   const std::string bytes = read_whole(path);
   const auto lines = static_cast<size_t>(std::count(bytes.begin(), bytes.end(), '\n'));
   if (lines > kMost + 1) fail_for_count(path.string(), lines - 1);
-  Table table{{}, {}, "line", 2};
+  Table table{{}, {}, "line", {}, {}};
   size_t number = 0, at = 0;
   char separator = ',';
-  std::vector<std::string> words;
   while (at < bytes.size()) {
     const size_t end = std::min(bytes.find('\n', at), bytes.size());
     std::string line = bytes.substr(at, end - at);
     at = end + 1;
     ++number;
+    if (number == 1 && line.starts_with("\xef\xbb\xbf")) line.erase(0, 3);
     if (line.ends_with('\r')) line.pop_back();
-    if (number == 1) {
-      if (line.starts_with("\xef\xbb\xbf")) line.erase(0, 3);
-      for (const char c : {'\t', ';', ','})
-        if (line.find(c) != std::string::npos) separator = c;
-    }
-    words = split(line, separator);
-    for (std::string& word : words) {
-      std::erase_if(word, [](char c) { return c == ' ' || c == '"'; });
-    }
-    if (number == 1) {
-      table.columns = words;
+    const size_t begin = line.find_first_not_of(" \t");
+    if (begin == std::string::npos || line[begin] == '#') continue;
+    if (table.columns.empty()) {
+      separator = separator_of(line);
+      table.columns = words_of(line, separator);
+      table.first_text.resize(table.columns.size());
       continue;
     }
-    if (at >= bytes.size() && words.size() == 1 && words[0].empty()) break;  // a blank last line
+    const std::vector<std::string> words = words_of(line, separator);
     if (words.size() != table.columns.size())
       throw InputError(fmt::format("{}: line {} has {} columns; expected {}, as its first line names them",
                                    path.string(), number, words.size(), table.columns.size()));
     for (size_t c = 0; c < words.size(); ++c) {
-      const std::optional<double> value = to_number(words[c]);
-      if (!value)
-        throw InputError(fmt::format("{}: line {}, column '{}': '{}' is no number", path.string(), number,
-                                     table.columns[c], words[c].substr(0, 30)));
-      table.values.push_back(*value);
+      const std::optional<double> value = number_in(words[c], separator);
+      if (!value && table.first_text[c].empty()) table.first_text[c] = "'" + words[c].substr(0, 30) + "'";
+      table.values.push_back(value.value_or(std::numeric_limits<double>::quiet_NaN()));
     }
+    table.rows_at.push_back(number);
   }
   return table;
 }
 
 Table read_points(const fs::path& path) {
   PlyPoints points = read_ply_points(path, kMost);
-  return {std::move(points.names), std::move(points.values), "point", 1};
+  std::vector<std::string> no_text(points.names.size());
+  return {std::move(points.names), std::move(points.values), "point", {}, std::move(no_text)};
 }
 
 /// "P[x]", "P.x" and "P_x" are px.
@@ -105,18 +124,23 @@ class Columns {
       if (const int place = find(fmt::format("m{}{}", i / 4, i % 4)); place >= 0) matrix_.push_back(place);
     if (!matrix_.empty() && matrix_.size() < 12) fail("some of m00 .. m23", "all twelve: three rows of a matrix");
     if (matrix_.empty() && position_.empty()) fail("no place", "x, y, z, or m00 .. m23");
+    if (const auto n = vector({"n", "normal"}, 3), up = vector({"up"}, 3); !n.empty() && !up.empty()) n_ = n, up_ = up;
     orient_ = vector({"orient", "orientation", "rot", "rotation", "quaternion", "quat"}, 4);
     scales_ = vector({"scale"}, 3);
     scale_ = find("scale");
     pscale_ = find("pscale");
     density_ = find("density");
     tint_ = vector({"tint"}, 3);
+    time_offset_ = find("timeoffset");
   }
 
   void add_row(size_t row, InstanceList& list) const {
     const double* const values = table_.values.data() + row * table_.columns.size();
     const auto at = [&](int place) {
       const double value = values[place];
+      if (const std::string& text = table_.first_text[static_cast<size_t>(place)]; std::isnan(value) && !text.empty())
+        throw InputError(fmt::format("{}: {} {}, column '{}': {} is no number", path_.string(), table_.row_name,
+                                     table_.row_number(row), table_.columns[static_cast<size_t>(place)], text));
       if (!std::isfinite(value)) fail_in(row, table_.columns[static_cast<size_t>(place)], value, "a finite number");
       return value;
     };
@@ -125,6 +149,17 @@ class Columns {
       for (int i = 0; i < 12; ++i) m[i % 4][i / 4] = at(matrix_[static_cast<size_t>(i)]);
     } else {
       dmat3 rotation(1);
+      if (orient_.empty() && !n_.empty()) {
+        const auto direction = [&](const std::vector<int>& places) {
+          return dvec3(at(places[0]), at(places[1]), at(places[2]));
+        };
+        const dvec3 z = direction(n_), x = glm::cross(direction(up_), z);
+        if (!(glm::length(x) > 1e-12 * glm::length(z)))
+          fail_in(row, table_.columns[static_cast<size_t>(n_[0])], z.x, "N above 0 and across up");
+        rotation[0] = glm::normalize(x);
+        rotation[2] = glm::normalize(z);
+        rotation[1] = glm::cross(rotation[2], rotation[0]);
+      }
       if (!orient_.empty()) {
         glm::dvec4 q;
         for (int i = 0; i < 4; ++i) q[i] = at(orient_[static_cast<size_t>(i)]);
@@ -144,7 +179,7 @@ class Columns {
     }
     if (const std::string wrong = what_forbids_transform(m); !wrong.empty())
       throw InputError(fmt::format("{}: {} {}: its matrix is {}; expected an invertible one, scales other than 0",
-                                   path_.string(), table_.row_name, table_.first_row + row, wrong));
+                                   path_.string(), table_.row_name, table_.row_number(row), wrong));
     list.matrices.push_back(m);
     const auto factor = [&](int place) {
       const double value = at(place);
@@ -153,6 +188,7 @@ class Columns {
     };
     if (density_ >= 0) list.densities.push_back(factor(density_));
     if (!tint_.empty()) list.tints.emplace_back(factor(tint_[0]), factor(tint_[1]), factor(tint_[2]));
+    if (time_offset_ >= 0) list.time_offsets.push_back(at(time_offset_));
   }
 
  private:
@@ -162,7 +198,7 @@ class Columns {
   }
   [[noreturn]] void fail_in(size_t row, const std::string& column, double found, const std::string& expected) const {
     throw InputError(fmt::format("{}: {} {}, '{}': {}; expected {}", path_.string(), table_.row_name,
-                                 table_.first_row + row, column, found, expected));
+                                 table_.row_number(row), column, found, expected));
   }
   int find(const std::string& name) const {
     const auto found = std::find(names_.begin(), names_.end(), name);
@@ -187,8 +223,8 @@ class Columns {
   const fs::path& path_;
   const Table& table_;
   std::vector<std::string> names_;
-  std::vector<int> position_, matrix_, orient_, scales_, tint_;
-  int scale_ = -1, pscale_ = -1, density_ = -1;
+  std::vector<int> position_, matrix_, orient_, n_, up_, scales_, tint_;
+  int scale_ = -1, pscale_ = -1, density_ = -1, time_offset_ = -1;
 };
 
 InstanceList read_places(const fs::path& path) {
@@ -208,10 +244,16 @@ InstanceList read_places(const fs::path& path) {
 std::string check_places(const std::string& name, const InstanceList& list) {
   const size_t count = list.matrices.size();
   if (count == 0) throw InputError(fmt::format("{}: has no matrices; expected one for each place", name));
-  for (const auto& [what, have] : {std::pair("densities", list.densities.size()), {"tints", list.tints.size()}})
+  for (const auto& [what, have] : {std::pair("densities", list.densities.size()),
+                                   {"tints", list.tints.size()},
+                                   {"time_offsets", list.time_offsets.size()}})
     if (have > 0 && have != count)
       throw InputError(
           fmt::format("{}.{}: {} rows, expected {}, one for each of its matrices", name, what, have, count));
+  for (size_t i = 0; i < list.time_offsets.size(); ++i)
+    if (!std::isfinite(list.time_offsets[i]))
+      throw InputError(
+          fmt::format("{}.time_offsets: {} in row {}; expected a finite number", name, list.time_offsets[i], i));
   const auto at_least_0 = [](double v) { return v >= 0 && std::isfinite(v); };
   uint64_t hash = count;
   const auto add = [&](double v) { hash = mix64(hash ^ std::bit_cast<uint64_t>(v)); };
@@ -224,12 +266,13 @@ std::string check_places(const std::string& name, const InstanceList& list) {
     for (int a = 0; a < 16; ++a) add(list.matrices[i][a / 4][a % 4]);
     if (!list.densities.empty()) add(list.densities[i]);
     for (int c = 0; c < 3 && !list.tints.empty(); ++c) add(list.tints[i][c]);
+    if (!list.time_offsets.empty()) add(list.time_offsets[i]);
   }
   return fmt::format("{:016x}", hash);
 }
 
 InstanceList places_of(const InstanceSettings& settings, const std::string& name) {
-  InstanceList list = settings.arrays ? *settings.arrays : InstanceList{settings.matrices, {}, {}};
+  InstanceList list = settings.arrays ? *settings.arrays : InstanceList{settings.matrices, {}, {}, {}};
   if (!settings.file.empty()) list = read_places(settings.file);
   const size_t count = list.matrices.size();
   if (count == 0)
@@ -238,6 +281,8 @@ InstanceList places_of(const InstanceSettings& settings, const std::string& name
   if (count > kMost) fail_for_count(name, count);
   list.densities.resize(count, 1.0);
   list.tints.resize(count, dvec3(1));
+  if (settings.time_offset != 0) list.time_offsets.resize(count, 0.0);
+  for (double& offset : list.time_offsets) offset += settings.time_offset;
   for (size_t i = 0; i < count; ++i) {
     list.matrices[i] = settings.object_to_world * list.matrices[i];
     list.densities[i] *= settings.density;

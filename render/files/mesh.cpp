@@ -1,4 +1,4 @@
-#include "render/world/mesh.h"
+#include "render/files/mesh.h"
 
 #include <fmt/format.h>
 
@@ -12,8 +12,8 @@
 #include "base/error.h"
 #include "base/missing_file.h"
 #include "base/rng.h"
-#include "render/world/obj_file.h"
-#include "render/world/ply_file.h"
+#include "render/files/obj_file.h"
+#include "render/files/ply_file.h"
 
 namespace brume {
 namespace {

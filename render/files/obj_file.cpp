@@ -1,4 +1,4 @@
-#include "render/world/obj_file.h"
+#include "render/files/obj_file.h"
 
 #include <fmt/format.h>
 
@@ -11,8 +11,8 @@
 #include <vector>
 
 #include "base/error.h"
-#include "render/world/file_numbers.h"
-#include "render/world/polygon_mesh.h"
+#include "render/files/file_numbers.h"
+#include "render/files/polygon_mesh.h"
 
 namespace brume {
 namespace {
