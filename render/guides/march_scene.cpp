@@ -239,7 +239,7 @@ void MarchScene::place_at_nodes(MarchedRay& to, const Lattice& table) const {
   const dvec3 start = to.ray.at(to.start), end = to.ray.at(to.start + steps.length);
   const dvec3 lit_start = alone ? own_.moved(0, start, middle) : start,
               lit_end = alone ? own_.moved(0, end, middle) : end;
-  set_place(to.nodes, table.to_lattice(lit_start), (lit_end - lit_start) / table.spacing);
+  set_place(to.nodes, table.to_spacings(lit_start), (lit_end - lit_start) / table.spacing);
 }
 
 void MarchScene::place_beside_lamps(MarchedRay& to) const {
