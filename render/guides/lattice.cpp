@@ -25,7 +25,7 @@ Lattice Lattice::over(const dvec3& lo, const dvec3& hi, double spacing, size_t m
 
 namespace {
 
-constexpr double kGrowth = 0.25;  // of a cell's width with its distance from what wants narrow ones
+constexpr double kGrowth = 0.75;  // of a cell's width with its distance from what wants narrow ones
 constexpr int kWidest = 64;       // spacings
 
 /// Planes over a part of an axis from 0 to `length`, with a pair of cells before it and behind it.

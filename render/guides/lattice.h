@@ -12,7 +12,7 @@
 
 namespace brume {
 
-/// Where the planes of a lattice lie along one axis: whole spacings apart, each two cells from the first on of one width.
+/// Where the planes of a lattice lie along one axis: whole spacings apart, cells of one width in pairs.
 struct LatticePlanes {
   std::vector<int> place;  ///< of each plane, in spacings from the first
   /// From one whole place to the next: the index of a place there is first + per_spacing * place.
@@ -30,14 +30,14 @@ struct LatticeRegion {
 };
 
 /// Nodes on a lattice along the world's axes, laid out for sweeps: x slowest, z fastest, rows padded to whole vectors.
-/// The outermost nodes on every side are a border where nothing scatters. Its planes are evenly spaced, or farther apart
-/// where less happens (rectilinear); then places are told in spacings, and in nodes.
+/// The outermost nodes on every side are a border where nothing scatters. Its planes are evenly spaced, or farther
+/// apart where less happens (rectilinear); then places are told in spacings, and in nodes.
 struct Lattice {
   static constexpr int kVector = 16;  ///< floats; rows are a multiple of it
 
-  dvec3 origin{0};  ///< of node (0, 0, 0), the renderer's world space
-  double spacing = 1;  ///< of its nearest nodes
-  ivec3 n{0};          ///< nodes along each axis, the border included
+  dvec3 origin{0};                                             ///< of node (0, 0, 0), the renderer's world space
+  double spacing = 1;                                          ///< of its nearest nodes
+  ivec3 n{0};                                                  ///< nodes along each axis, the border included
   std::shared_ptr<const std::array<LatticePlanes, 3>> planes;  ///< null: evenly spaced
 
   static int padded(int count) { return (count + kVector - 1) / kVector * kVector; }

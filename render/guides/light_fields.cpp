@@ -20,10 +20,9 @@ constexpr double kVoxelsPerNode = 2, kMostVoxelsPerNode = 4, kFreePathsPerNode =
 // Of them at a detail of 1, where media are large: as many for each pixel, within limits.
 constexpr double kNodesPerPixel = 12, kFewestNodes = 2.5e5;
 constexpr double kMostNodes = 1e6, kMostNodesInDetail = 4e6;
-constexpr double kHomogeneousNodes = 20, kSurfaceNodes = 6;  // of a graded lattice across them, at least
-constexpr double kGradedSpacing = 1;  // of it, in those of an even one
-constexpr double kGradedShare = 0.5;  // of an even lattice's nodes that it has at most
-constexpr double kNegligible = 5e-3;        // of all orders together, for the last one
+constexpr double kHomogeneousNodes = 12, kSurfaceNodes = 6;  // of a graded lattice across them, at least
+constexpr double kGradedShare = 0.5;                         // of an even lattice's nodes that it has at most
+constexpr double kNegligible = 5e-3;                         // of all orders together, for the last one
 constexpr double kNegligibleTail = 1e-3;    // the same of what one more order changes in the sum of the last ones
 constexpr double kNegligibleAnswer = 0.02;  // the same of light that only surfaces are to be sent
 constexpr double kLargestRatio = 0.99;      // of an order to the one before, in the tail
@@ -106,13 +105,11 @@ std::vector<LatticeRegion> lattice_regions(const GuideMedia& media, const Lights
 
 /// With wide cells where media of closed form reach far around the others; nothing where that saves little.
 std::optional<Lattice> graded_lattice(const GuideMedia& media, const Lights& lights, const Surfaces* surfaces,
-                                      double wanted, const Lattice& even) {
+                                      const Lattice& even) {
   if (media.media().size() + media.emissions().size() < 2 || media.instances()) return {};
   const auto nodes = [](const Lattice& l) { return static_cast<double>(l.n.x) * l.n.y * l.n.z; };
-  const double spacing = std::max(wanted, kGradedSpacing * even.spacing);
-  const Lattice graded =
-      Lattice::graded(media.lo(), media.hi(), lattice_regions(media, lights, surfaces, spacing), spacing,
-                      static_cast<size_t>(nodes(even)));
+  const Lattice graded = Lattice::graded(media.lo(), media.hi(), lattice_regions(media, lights, surfaces, even.spacing),
+                                         even.spacing, static_cast<size_t>(nodes(even)));
   if (nodes(graded) > kGradedShare * nodes(even)) return {};
   return graded;
 }
@@ -201,8 +198,7 @@ LightFields::LightFields(const std::vector<GuideMedia>& times, const Lights& lig
     most *= static_cast<double>(fine_.n.z) / fine_.row();
     fine_ = lattice();
   }
-  if (const std::optional<Lattice> graded = graded_lattice(media, lights, surfaces, voxels * media.voxel(), fine_))
-    fine_ = *graded;
+  if (const std::optional<Lattice> graded = graded_lattice(media, lights, surfaces, fine_)) fine_ = *graded;
   coarse_ = fine_.planes ? fine_.every_second()
                          : Lattice::over(media.lo(), media.hi(), 2 * fine_.spacing, static_cast<size_t>(most));
   ScatteringSolver solver(fine_, media, colour, task), coarse(coarse_, solver, task);

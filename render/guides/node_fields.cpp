@@ -120,7 +120,7 @@ NodeFields::NodeFields(const LightFields& fields, const GuideMedia& media, Guide
   parallel_for(n.x, quiet(task), [&](int x) {
     for (int y = 0; y < n.y; ++y)
       for (int z = 0; z < n.z; ++z)
-        if (fields_.near()[lattice.index(x, y, z)] && 
+        if (fields_.near()[lattice.index(x, y, z)] &&
             // Rays are lit by the nodes around them.
             (moving || frustum.near(lattice.node(x, y, z), lattice.reach(x, y, z))))
           fill_node({x, y, z}, camera, sky);

@@ -137,10 +137,10 @@ void SurfaceLight::place_probes(const GuideMedia& media, const AmbientLight& nod
             for (double j = 0; j < cubes.y; ++j)
               for (double k = 0; k < cubes.z; ++k)
                 for (const double corner : {0.0, 1.0})
-                  for (const int probe :
-                       grid_.around(lattice.node(x, y, z) +
-                                    lattice.spacing * cell * ((dvec3(i, j, k) + corner) / cubes - 0.5))
-                           .probe)
+                  for (const int probe : grid_
+                                             .around(lattice.node(x, y, z) +
+                                                     lattice.spacing * cell * ((dvec3(i, j, k) + corner) / cubes - 0.5))
+                                             .probe)
                     probe_[static_cast<size_t>(probe)] = 0;
         }
     if (static_cast<size_t>(std::count(probe_.begin(), probe_.end(), 0)) <= kMostProbes) break;

@@ -112,8 +112,8 @@ class GradedUpwind {
         const double place = std::clamp(from, 0.0, static_cast<double>(places[n - 1]));
         while (k + 2 < n && static_cast<double>(places[k + 1]) <= place) ++k;
         cell[static_cast<size_t>(i)] = k;
-        share[static_cast<size_t>(i)] =
-            static_cast<float>((place - static_cast<double>(places[k])) / static_cast<double>(places[k + 1] - places[k]));
+        share[static_cast<size_t>(i)] = static_cast<float>((place - static_cast<double>(places[k])) /
+                                                           static_cast<double>(places[k + 1] - places[k]));
       }
       for (size_t i = static_cast<size_t>(n); i < cell.size(); ++i) cell[i] = cell[i - 1] + 1;
     }

@@ -47,7 +47,8 @@ TEST(GradedLattice, IsAsCloseAsRegionsWantAndCoversTheBox) {
     EXPECT_LE(at(1), 0);
     EXPECT_GE(at(lattice.n[a] - 2), end[a]);
   }
-  EXPECT_LT(static_cast<double>(lattice.size()), 0.5 * static_cast<double>(Lattice::over({0, 0, 0}, end, 1, kMany).size()));
+  EXPECT_LT(static_cast<double>(lattice.size()),
+            0.5 * static_cast<double>(Lattice::over({0, 0, 0}, end, 1, kMany).size()));
 }
 
 TEST(GradedLattice, HasNoMoreNodesThanAllowed) {
@@ -163,9 +164,9 @@ TEST(GradedSolver, HoldsAllOfTheMedia) {
   const std::vector<LatticeRegion> regions = {{{-1, -1, -1}, {8, 8, 8}, 1}, {media.lo(), media.hi(), 6}};
   const Lattice lattice = Lattice::graded(media.lo(), media.hi(), regions, 1, kMany);
   const ScatteringSolver fine(lattice, media, kGrey, {}), coarse(lattice.every_second(), fine, {});
-  const double even = sum_over_cells(Lattice::over(media.lo(), media.hi(), 1, kMany),
-                                     ScatteringSolver(Lattice::over(media.lo(), media.hi(), 1, kMany), media, kGrey, {})
-                                         .extinction());
+  const double even =
+      sum_over_cells(Lattice::over(media.lo(), media.hi(), 1, kMany),
+                     ScatteringSolver(Lattice::over(media.lo(), media.hi(), 1, kMany), media, kGrey, {}).extinction());
   EXPECT_NEAR(sum_over_cells(lattice, fine.extinction()), even, 0.01 * even);
   EXPECT_NEAR(sum_over_cells(coarse.lattice(), coarse.extinction()) / 2, even, 0.01 * even);
 }
