@@ -27,6 +27,7 @@ namespace {
 
 constexpr double kGrowth = 0.75;  // of a cell's width with its distance from what wants narrow ones
 constexpr int kWidest = 64;       // spacings
+constexpr double kOff = 0.25;     // of a spacing that no plane lies on the box's sides
 
 /// Planes over a part of an axis from 0 to `length`, with a pair of cells before it and behind it.
 /// @param within  the least of what is wanted between two places, in spacings
@@ -74,15 +75,16 @@ Lattice Lattice::graded(const dvec3& lo, const dvec3& hi, std::span<const Lattic
       const auto within = [&](double from, double to) {
         double least = kWidest;
         for (const LatticeRegion& r : regions) {
-          const double first = (r.lo[a] - lo[a]) / lattice.spacing, last = (r.hi[a] - lo[a]) / lattice.spacing;
+          const double first = kOff + (r.lo[a] - lo[a]) / lattice.spacing;
+          const double last = kOff + (r.hi[a] - lo[a]) / lattice.spacing;
           least = std::min(least, r.spacing / spacing + kGrowth * std::max({0.0, first - to, from - last}));
         }
         return least;
       };
-      planes[static_cast<size_t>(a)] = LatticePlanes(graded_places((hi[a] - lo[a]) / lattice.spacing, within));
+      planes[static_cast<size_t>(a)] = LatticePlanes(graded_places(kOff + (hi[a] - lo[a]) / lattice.spacing, within));
       const std::vector<int>& places = planes[static_cast<size_t>(a)].place;
       lattice.n[a] = static_cast<int>(places.size());
-      lattice.origin[a] = lo[a] - lattice.spacing * places[2];
+      lattice.origin[a] = lo[a] - lattice.spacing * (places[2] + kOff);
       nodes *= lattice.n[a];
     }
     if (nodes > static_cast<double>(most_nodes)) continue;

@@ -20,9 +20,9 @@ constexpr double kVoxelsPerNode = 2, kMostVoxelsPerNode = 4, kFreePathsPerNode =
 // Of them at a detail of 1, where media are large: as many for each pixel, within limits.
 constexpr double kNodesPerPixel = 12, kFewestNodes = 2.5e5;
 constexpr double kMostNodes = 1e6, kMostNodesInDetail = 4e6;
-constexpr double kHomogeneousNodes = 12, kSurfaceNodes = 6;  // of a graded lattice across them, at least
-constexpr double kGradedShare = 0.5;                         // of an even lattice's nodes that it has at most
-constexpr double kNegligible = 5e-3;                         // of all orders together, for the last one
+constexpr double kHomogeneousNodes = 12, kSurfaceNodes = 6;    // of a graded lattice across them, at least
+constexpr double kGradedShare = 0.25, kMostGradedShare = 0.5;  // of the nodes of an even lattice that it has
+constexpr double kNegligible = 5e-3;                           // of all orders together, for the last one
 constexpr double kNegligibleTail = 1e-3;    // the same of what one more order changes in the sum of the last ones
 constexpr double kNegligibleAnswer = 0.02;  // the same of light that only surfaces are to be sent
 constexpr double kLargestRatio = 0.99;      // of an order to the one before, in the tail
@@ -103,15 +103,19 @@ std::vector<LatticeRegion> lattice_regions(const GuideMedia& media, const Lights
   return regions;
 }
 
-/// With wide cells where media of closed form reach far around the others; nothing where that saves little.
+/// With wide cells where media of closed form reach far around the others: closer than an even lattice where it has far
+/// fewer nodes, as close where it has fewer; else nothing.
 std::optional<Lattice> graded_lattice(const GuideMedia& media, const Lights& lights, const Surfaces* surfaces,
-                                      const Lattice& even) {
+                                      double wanted, const Lattice& even) {
   if (media.media().size() + media.emissions().size() < 2 || media.instances()) return {};
-  const auto nodes = [](const Lattice& l) { return static_cast<double>(l.n.x) * l.n.y * l.n.z; };
-  const Lattice graded = Lattice::graded(media.lo(), media.hi(), lattice_regions(media, lights, surfaces, even.spacing),
-                                         even.spacing, static_cast<size_t>(nodes(even)));
-  if (nodes(graded) > kGradedShare * nodes(even)) return {};
-  return graded;
+  const double nodes = static_cast<double>(even.n.x) * even.n.y * even.n.z;
+  const auto graded = [&](double spacing, double share) {
+    return Lattice::graded(media.lo(), media.hi(), lattice_regions(media, lights, surfaces, spacing), spacing,
+                           static_cast<size_t>(share * nodes));
+  };
+  for (const Lattice& lattice : {graded(wanted, kGradedShare), graded(even.spacing, kMostGradedShare)})
+    if (lattice.spacing <= even.spacing * (1 + 1e-9)) return lattice;
+  return {};
 }
 
 /// The sum of all orders from one on, of a few that follow one another: weights of them that leave least of what the
@@ -198,7 +202,8 @@ LightFields::LightFields(const std::vector<GuideMedia>& times, const Lights& lig
     most *= static_cast<double>(fine_.n.z) / fine_.row();
     fine_ = lattice();
   }
-  if (const std::optional<Lattice> graded = graded_lattice(media, lights, surfaces, fine_)) fine_ = *graded;
+  if (const std::optional<Lattice> graded = graded_lattice(media, lights, surfaces, voxels * media.voxel(), fine_))
+    fine_ = *graded;
   coarse_ = fine_.planes ? fine_.every_second()
                          : Lattice::over(media.lo(), media.hi(), 2 * fine_.spacing, static_cast<size_t>(most));
   ScatteringSolver solver(fine_, media, colour, task), coarse(coarse_, solver, task);

@@ -20,7 +20,8 @@ constexpr double kLeastQuadratic = 0.25;
 constexpr int kBeamDirections = 96;
 constexpr size_t kTogether = 4;
 constexpr double kPeakMeanCosine = 0.75;
-constexpr int kNear = 4;  // nodes around the media in which light that has left them is followed
+constexpr int kMostLines = 8;  // along which a cell's media are looked up, across each axis
+constexpr int kNear = 4;       // nodes around the media in which light that has left them is followed
 
 /// Whether a direction is swept along z, in arrays that have it slowest.
 bool lies(const dvec3& d) {
@@ -64,10 +65,14 @@ ScatteringSolver::ScatteringSolver(const Lattice& lattice, const GuideMedia& med
     MediaLine line(media, colour);
     const dvec2 along_x = lattice.halves(0, x), along_y = lattice.halves(1, y);
     const dvec3 cell(along_x.x + along_x.y, along_y.x + along_y.y, 1), before(along_x.x, along_y.x, 0.5);
-    for (int k = 0; k < inner * inner; ++k) {
-      const dvec3 place(k % inner, k / inner, 0);
-      const Ray ray{lattice_.node(x, y, 0) + cube * (cell * ((place + 0.5) / static_cast<double>(inner)) - before),
-                    {0, 0, cube}};
+    // Wide cells have more lines.
+    const auto lines = [&](double width) {
+      return std::clamp(static_cast<int>(std::lround(inner * width)), inner, kMostLines);
+    };
+    const int lines_x = lines(cell.x), lines_y = lines(cell.y);
+    for (int k = 0; k < lines_x * lines_y; ++k) {
+      const dvec3 place(k % lines_x, k / lines_x, 0), samples(lines_x, lines_y, inner);
+      const Ray ray{lattice_.node(x, y, 0) + cube * (cell * ((place + 0.5) / samples) - before), {0, 0, cube}};
       for (size_t m = 0; even && m < media.media().size(); ++m) {
         const double albedo = media.constants(m).albedo[static_cast<size_t>(colour + 1)], g = media.mean_cosine(m);
         extinctions.resize(static_cast<size_t>(inner) * (spacings.size() - 2));
@@ -93,7 +98,7 @@ ScatteringSolver::ScatteringSolver(const Lattice& lattice, const GuideMedia& med
       const double albedo = node.scattered / node.extinction;
       const double g = node.scattered > 0 ? node.linear / node.scattered : 0;
       const double peak = peak_weight(g), left = 1 - albedo * peak;
-      node.extinction *= cube / (inner * inner * inner);
+      node.extinction *= cube / (lines_x * lines_y * inner);
       node.scaled = node.extinction * left;
       node.scattered = node.scaled * albedo * (1 - peak) / left;
       node.linear = node.scaled * 3 * (g - peak) / (1 - peak);

@@ -42,7 +42,9 @@ TEST(GradedLattice, IsAsCloseAsRegionsWantAndCoversTheBox) {
     for (int i = 0; i + 1 < lattice.n[a]; ++i) {
       const double width = at(i + 1) - at(i);
       EXPECT_LE(width, 10);
-      if (at(i + 1) > lo[a] && at(i) < hi[a]) EXPECT_EQ(width, 1) << a << ", " << i;
+      if (at(i + 1) > lo[a] && at(i) < hi[a]) {
+        EXPECT_EQ(width, 1) << a << ", " << i;
+      }
     }
     EXPECT_LE(at(1), 0);
     EXPECT_GE(at(lattice.n[a] - 2), end[a]);
@@ -183,7 +185,7 @@ TEST(GradedSolver, KeepsTheEnergyOfAnEvenSky) {
     light = solver.transport(solver.scatter(std::move(light)));
     solver.add(light, sum);
   }
-  for (const dvec3 p : {dvec3(3.5), dvec3(6, 2, 1), dvec3(-20, 5, 4), dvec3(30, -10, 10)})
+  for (const dvec3& p : {dvec3(3.5), dvec3(6, 2, 1), dvec3(-20, 5, 4), dvec3(30, -10, 10)})
     EXPECT_NEAR(static_cast<double>(interpolated(solver.lattice(), sum[0], p)), 1, 0.04) << p.x;
 }
 
