@@ -60,14 +60,14 @@ std::optional<size_t> AmbientLight::node_at(const dvec3& place) const {
 }
 
 AmbientLight::Incident AmbientLight::along(const dvec3& p, const dvec3& direction, double distance) const {
-  const dvec3 from = lattice_.to_lattice(p);
-  auto [t, t_end] = inside_box(from, direction, dvec3(lattice_.n - 1));
+  const dvec3 from = lattice_.to_spacings(p);
+  auto [t, t_end] = inside_box(from, direction, lattice_.last_place());
   t_end = std::min(t_end, distance / lattice_.spacing);
   Incident light;
   double &scaled = light.scaled_transmittance, &transmittance = light.transmittance;
   for (; t < t_end && scaled > kDark; t += 1) {
     const double length = std::min(1.0, t_end - t);
-    const std::optional<size_t> at = node_at(from + direction * (t + 0.5 * length));
+    const std::optional<size_t> at = node_at(lattice_.to_nodes(from + direction * (t + 0.5 * length)));
     if (!at) break;
     const Node* const node = &nodes_[*at];
     if (extinctions_[*at] == 0 && node->emitted == std::array<float, 3>{}) continue;
@@ -90,15 +90,15 @@ AmbientLight::Incident AmbientLight::along(const dvec3& p, const dvec3& directio
 }
 
 double AmbientLight::depth(const dvec3& from, const dvec3& towards, double distance) const {
-  const dvec3 start = lattice_.to_lattice(from);
-  auto [t, t_end] = inside_box(start, towards, dvec3(lattice_.n - 1));
+  const dvec3 start = lattice_.to_spacings(from);
+  auto [t, t_end] = inside_box(start, towards, lattice_.last_place());
   t_end = std::min(t_end, distance / lattice_.spacing);
   const size_t y = lattice_.n.z, x = y * lattice_.n.y;
   double depth = 0;
   for (; t < t_end; t += 1) {
     // Linear between the nodes: shadows on surfaces show them else.
     const double length = std::min(1.0, t_end - t);
-    const dvec3 place = start + towards * (t + 0.5 * length);
+    const dvec3 place = lattice_.to_nodes(start + towards * (t + 0.5 * length));
     const ivec3 node = glm::clamp(ivec3(place), ivec3(0), lattice_.n - 2);
     const dvec3 f = place - dvec3(node);
     const float* const first = &extinctions_[index(node.x, node.y, node.z)];

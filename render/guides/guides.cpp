@@ -155,10 +155,10 @@ std::string Guides::explain() const {
   const ivec3 n = f.lattice().n;
   std::string names;
   for (const auto& light : f.lights()) names += (names.empty() ? "" : ", ") + light->layer_name();
-  return fmt::format("light of {} on {} x {} x {} nodes, {:.3g} voxels apart{}: {:.1f} MB, solved in {:.2f} s",
+  return fmt::format("light of {} on {} x {} x {} nodes, {:.3g} voxels apart{}{}: {:.1f} MB, solved in {:.2f} s",
                      names.empty() ? "nothing" : names, n.x, n.y, n.z, f.lattice().spacing / media_[0].voxel(),
-                     colours_.size() > 1 ? ", for red, green and blue" : "", static_cast<double>(bytes()) / 1e6,
-                     seconds_);
+                     f.lattice().planes ? " or farther" : "", colours_.size() > 1 ? ", for red, green and blue" : "",
+                     static_cast<double>(bytes()) / 1e6, seconds_);
 }
 
 std::vector<std::string> Guides::left_out() const {

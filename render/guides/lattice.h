@@ -2,6 +2,8 @@
 #include <algorithm>
 #include <array>
 #include <cstddef>
+#include <memory>
+#include <span>
 #include <vector>
 
 #include "base/lazy_zeros.h"
@@ -10,25 +12,65 @@
 
 namespace brume {
 
-/// Nodes on a regular lattice along the world's axes, laid out for sweeps: x slowest, z fastest, rows padded to whole
-/// vectors. The outermost nodes on every side are a border where nothing scatters.
+/// Where the planes of a lattice lie along one axis: whole spacings apart, cells of one width in pairs.
+struct LatticePlanes {
+  std::vector<int> place;  ///< of each plane, in spacings from the first
+  /// From one whole place to the next: the index of a place there is first + per_spacing * place.
+  std::vector<float> first, per_spacing;
+
+  LatticePlanes() = default;
+  explicit LatticePlanes(std::vector<int> places);
+  double index(double at) const;
+};
+
+/// A part of the world in which the nodes of a lattice are wanted no farther apart.
+struct LatticeRegion {
+  dvec3 lo{0}, hi{0};
+  double spacing = 1;
+};
+
+/// Nodes on a lattice along the world's axes, laid out for sweeps: x slowest, z fastest, rows padded to whole vectors.
+/// The outermost nodes on every side are a border where nothing scatters. Its planes are evenly spaced, or farther
+/// apart where less happens (rectilinear); then places are told in spacings, and in nodes.
 struct Lattice {
   static constexpr int kVector = 16;  ///< floats; rows are a multiple of it
 
-  dvec3 origin{0};  ///< of node (0, 0, 0), the renderer's world space
-  double spacing = 1;
-  ivec3 n{0};  ///< nodes along each axis, the border included
+  dvec3 origin{0};                                             ///< of node (0, 0, 0), the renderer's world space
+  double spacing = 1;                                          ///< of its nearest nodes
+  ivec3 n{0};                                                  ///< nodes along each axis, the border included
+  std::shared_ptr<const std::array<LatticePlanes, 3>> planes;  ///< null: evenly spaced
 
   static int padded(int count) { return (count + kVector - 1) / kVector * kVector; }
   int row() const { return padded(n.z); }
   /// Of an array with a value for each node; the tail lets vectors be loaded beyond the last one.
   size_t size() const { return static_cast<size_t>(n.x) * n.y * row() + 2 * kVector; }
   size_t index(int x, int y, int z) const { return (static_cast<size_t>(x) * n.y + y) * row() + z; }
-  dvec3 node(int x, int y, int z) const { return origin + spacing * dvec3(x, y, z); }
-  dvec3 to_lattice(const dvec3& world) const { return (world - origin) / spacing; }
+  /// Of a plane, in spacings.
+  double place(int axis, int i) const {
+    return planes ? (*planes)[static_cast<size_t>(axis)].place[static_cast<size_t>(i)] : i;
+  }
+  dvec3 node(int x, int y, int z) const { return origin + spacing * dvec3(place(0, x), place(1, y), place(2, z)); }
+  /// What of an axis is nearest to a plane, in spacings before it and behind it.
+  dvec2 halves(int axis, int i) const;
+  /// Size of the cell around a node, in spacings.
+  dvec3 cell(int x, int y, int z) const;
+  /// To the farthest of the nodes around one [world units].
+  double reach(int x, int y, int z) const;
+  dvec3 last_place() const { return {place(0, n.x - 1), place(1, n.y - 1), place(2, n.z - 1)}; }
+
+  dvec3 to_spacings(const dvec3& world) const { return (world - origin) / spacing; }
+  /// From spacings to nodes.
+  dvec3 to_nodes(const dvec3& spacings) const;
+  dvec3 to_lattice(const dvec3& world) const { return to_nodes(to_spacings(world)); }
 
   /// The lattice with the fewest nodes over a box: a spacing as asked for, or wider where that would make too many.
   static Lattice over(const dvec3& lo, const dvec3& hi, double spacing, size_t most_nodes);
+  /// One with planes that are as near to each other as regions want them, and ever farther apart around them.
+  /// @param spacing  the least; all are wider where that would make too many nodes
+  static Lattice graded(const dvec3& lo, const dvec3& hi, std::span<const LatticeRegion> regions, double spacing,
+                        size_t most_nodes);
+  /// Every second plane of a graded lattice.
+  Lattice every_second() const;
 };
 
 using NodeValues = std::vector<float, LazyZeros<float>>;
@@ -57,7 +99,8 @@ class NodeWeights {
 float interpolated(const Lattice& lattice, const NodeValues& values, const dvec3& world);
 
 /// Values at the nodes of a lattice of twice the spacing: the mean of eight points around each, a quarter of its
-/// spacing off along every axis, linear between the nodes.
+/// spacing off along every axis, linear between the nodes. Of a graded lattice's every second plane, means over the
+/// cells around its nodes.
 NodeValues coarsened(const Lattice& fine, const NodeValues& values, const Lattice& coarse, const Task& task);
 
 /// Unit vectors evenly spread over the sphere, on a spiral.

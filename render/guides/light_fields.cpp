@@ -3,6 +3,8 @@
 #include <algorithm>
 #include <cmath>
 #include <limits>
+#include <optional>
+#include <span>
 #include <utility>
 
 #include "render/guides/guide_light.h"
@@ -18,15 +20,17 @@ constexpr double kVoxelsPerNode = 2, kMostVoxelsPerNode = 4, kFreePathsPerNode =
 // Of them at a detail of 1, where media are large: as many for each pixel, within limits.
 constexpr double kNodesPerPixel = 12, kFewestNodes = 2.5e5;
 constexpr double kMostNodes = 1e6, kMostNodesInDetail = 4e6;
-constexpr double kNegligible = 5e-3;        // of all orders together, for the last one
+constexpr double kHomogeneousNodes = 12, kSurfaceNodes = 6;    // of a graded lattice across them, at least
+constexpr double kGradedShare = 0.25, kMostGradedShare = 0.5;  // of the nodes of an even lattice that it has
+constexpr double kNegligible = 5e-3;                           // of all orders together, for the last one
 constexpr double kNegligibleTail = 1e-3;    // the same of what one more order changes in the sum of the last ones
 constexpr double kNegligibleAnswer = 0.02;  // the same of light that only surfaces are to be sent
 constexpr double kLargestRatio = 0.99;      // of an order to the one before, in the tail
 constexpr size_t kMostOfTail = 12;          // orders of the tail that its sum is made of
 constexpr double kFineOrder = 2;            // mean number of scatterings of the orders that fine nodes hold
 
-/// Over a cube around a point.
-dvec3 mean_emission(const GuideMedia& media, const dvec3& middle, double size) {
+/// Over a box around a point.
+dvec3 mean_emission(const GuideMedia& media, const dvec3& middle, const dvec3& size) {
   dvec3 sum(0);
   for (int corner = 0; corner < 8; ++corner)
     sum += media.emission(middle + 0.25 * size * dvec3(corner & 1 ? 1 : -1, corner & 2 ? 1 : -1, corner & 4 ? 1 : -1));
@@ -67,6 +71,51 @@ double free_path(const GuideMedia& media, GuideColour colour, const Task& task) 
   dvec2 sum(0);
   for (const dvec2& s : sums) sum += s;
   return sum.y > 0 ? sum.x / sum.y : std::numeric_limits<double>::infinity();
+}
+
+/// What limits how far apart nodes are: grids, homogeneous media, emissions, surfaces and lamps.
+std::vector<LatticeRegion> lattice_regions(const GuideMedia& media, const Lights& lights, const Surfaces* surfaces,
+                                           double spacing) {
+  std::vector<LatticeRegion> regions;
+  const auto add = [&](std::span<const dvec3> corners, double wanted, double across) {
+    LatticeRegion& r = regions.emplace_back(LatticeRegion{corners[0], corners[0], 0});
+    for (const dvec3& p : corners) {
+      r.lo = glm::min(r.lo, p);
+      r.hi = glm::max(r.hi, p);
+    }
+    const dvec3 size = r.hi - r.lo;
+    r.spacing = std::max(spacing, std::min(wanted, std::max({size.x, size.y, size.z}) / across));
+  };
+  for (const Medium& m : media.media()) {
+    const double free_path = 1 / (m.maximum_density() * in_colour(m.coefficients().sigma_t, kGrey));
+    if (m.homogeneous())
+      add(m.corners(), m.falls_off() ? spacing : kFreePathsPerNode * free_path, kHomogeneousNodes);
+    else
+      add(m.corners(), spacing / media.voxel() * m.voxel_size(), 1);
+  }
+  for (const EmissionField& e : media.emissions()) add(e.shape().corners(), spacing, 1);
+  for (size_t i = 0; surfaces && i < surfaces->count(); ++i) {
+    const std::vector<dvec3>& points = surfaces->mesh(static_cast<uint32_t>(i)).positions;
+    if (!points.empty()) add(points, kFar, kSurfaceNodes);
+  }
+  for (const FiniteLight* const lamp : lights.finite())
+    if (const dvec3* const centre = lamp->centre()) add({centre, 1}, spacing, 1);
+  return regions;
+}
+
+/// With wide cells where media of closed form reach far around the others: closer than an even lattice where it has far
+/// fewer nodes, as close where it has fewer; else nothing.
+std::optional<Lattice> graded_lattice(const GuideMedia& media, const Lights& lights, const Surfaces* surfaces,
+                                      double wanted, const Lattice& even) {
+  if (media.media().size() + media.emissions().size() < 2 || media.instances()) return {};
+  const double nodes = static_cast<double>(even.n.x) * even.n.y * even.n.z;
+  const auto graded = [&](double spacing, double share) {
+    return Lattice::graded(media.lo(), media.hi(), lattice_regions(media, lights, surfaces, spacing), spacing,
+                           static_cast<size_t>(share * nodes));
+  };
+  for (const Lattice& lattice : {graded(wanted, kGradedShare), graded(even.spacing, kMostGradedShare)})
+    if (lattice.spacing <= even.spacing * (1 + 1e-9)) return lattice;
+  return {};
 }
 
 /// The sum of all orders from one on, of a few that follow one another: weights of them that leave least of what the
@@ -153,7 +202,10 @@ LightFields::LightFields(const std::vector<GuideMedia>& times, const Lights& lig
     most *= static_cast<double>(fine_.n.z) / fine_.row();
     fine_ = lattice();
   }
-  coarse_ = Lattice::over(media.lo(), media.hi(), 2 * fine_.spacing, static_cast<size_t>(most));
+  if (const std::optional<Lattice> graded = graded_lattice(media, lights, surfaces, voxels * media.voxel(), fine_))
+    fine_ = *graded;
+  coarse_ = fine_.planes ? fine_.every_second()
+                         : Lattice::over(media.lo(), media.hi(), 2 * fine_.spacing, static_cast<size_t>(most));
   ScatteringSolver solver(fine_, media, colour, task), coarse(coarse_, solver, task);
   near_ = solver.near_media();
   scale_ = solver.mean_scale();
@@ -167,7 +219,8 @@ LightFields::LightFields(const std::vector<GuideMedia>& times, const Lights& lig
       ambient_light_->extinctions()[at] = coarse.scaled_extinction()[i];
       if (!node_tints_.empty()) node_tints_[at] = vec3(mean_tint(media, coarse_.node(x, y, z), coarse_.spacing));
       if (media.emissions().empty()) return;
-      const vec3 emission(mean_emission(media, coarse_.node(x, y, z), coarse_.spacing) * coarse_.spacing);
+      const dvec3 cell = coarse_.spacing * coarse_.cell(x, y, z);
+      const vec3 emission(mean_emission(media, coarse_.node(x, y, z), cell) * coarse_.spacing);
       ambient_light_->nodes()[at].emitted = {emission.x, emission.y, emission.z};
     });
   }

@@ -61,6 +61,18 @@ struct LatticeCell {
   }
 };
 
+/// Places on a lattice in nodes, from those in spacings.
+HWY_INLINE V3 to_nodes(const Lattice& lattice, const V3& spacings) {
+  if (!lattice.planes) return spacings;
+  const auto along = [&](int axis, V place) {
+    const LatticePlanes& planes = (*lattice.planes)[static_cast<size_t>(axis)];
+    const V last = set(static_cast<float>(planes.first.size() - 1));
+    const VI k = hn::ConvertTo(DI(), hn::Min(hn::Max(place, hn::Zero(D())), last));
+    return hn::GatherIndex(D(), planes.first.data(), k) + hn::GatherIndex(D(), planes.per_spacing.data(), k) * place;
+  };
+  return {along(0, spacings.x), along(1, spacings.y), along(2, spacings.z)};
+}
+
 /// Values at the nodes of a lattice, linear between eight of them. Nothing is read for lanes outside `mask`.
 HWY_INLINE V between_nodes(const Lattice& nodes, const float* values, const LatticeCell& cell, M mask) {
   const int row = nodes.row(), plane = row * nodes.n.y;

@@ -17,8 +17,9 @@ constexpr double kGentleGradient = 0.03;
 // Steps are as short as this share of the distance to a small lamp, within as many steps of it.
 constexpr float kNearLamp = 8, kShortestStep = 1.0f / 32;
 // Steps at once where all media are homogeneous, as far as they are as thin as this: so many in shadows that a sun
-// casts through grids, elsewhere as far as the light at nodes is linear; and of the distance to a lamp.
-constexpr double kEvenStride = 4, kEvenThickness = 0.1, kEvenNodes = 0.5, kEvenDistance = 1.0 / 16;
+// casts through grids, elsewhere as far as the light at nodes is linear, of graded lattices farther; and of the
+// distance to a lamp.
+constexpr double kEvenStride = 12, kEvenThickness = 0.1, kEvenNodes = 0.5, kGradedNodes = 2, kEvenDistance = 1.0 / 16;
 constexpr double kLayerStep = 0.25;    // of the scale height of a layer, that a step climbs at most
 constexpr double kNodesPerLookUp = 1;  // of the spacing of nodes, between two look-ups of their fields
 constexpr double kNarrow = 0.99;       // mean cosine of directions that count as one
@@ -121,7 +122,7 @@ MarchSteps::MarchSteps(const GuideMedia& media, const LightFields& fields, Guide
     if (m.homogeneous()) even += sigma_t;
   }
   gentle_gradient = static_cast<float>(std::max(kGentleGradient * densest * length * length / media.voxel(), 1e-30));
-  double most = kEvenNodes * fields.lattice().spacing / length;
+  double most = (fields.lattice().planes ? kGradedNodes : kEvenNodes) * fields.lattice().spacing / length;
   // Wide layers of fog have wide lattices of depths towards suns: shadows are no finer than these.
   const bool layers =
       std::any_of(media.media().begin(), media.media().end(), [](const Medium& m) { return m.falls_off(); });
@@ -239,7 +240,7 @@ void MarchScene::place_at_nodes(MarchedRay& to, const Lattice& table) const {
   const dvec3 start = to.ray.at(to.start), end = to.ray.at(to.start + steps.length);
   const dvec3 lit_start = alone ? own_.moved(0, start, middle) : start,
               lit_end = alone ? own_.moved(0, end, middle) : end;
-  set_place(to.nodes, table.to_lattice(lit_start), (lit_end - lit_start) / table.spacing);
+  set_place(to.nodes, table.to_spacings(lit_start), (lit_end - lit_start) / table.spacing);
 }
 
 void MarchScene::place_beside_lamps(MarchedRay& to) const {

@@ -89,7 +89,7 @@ struct MarchedRay {
   std::array<vec2, kMostMarchedShapes> shape;  ///< where it is inside, from..to
   std::array<Place, kMostSharpLights> light;   ///< on a sun's lattice
   std::array<LightTerms, kMostSharpLights> terms;
-  Place nodes;                                    ///< on the fields' lattice
+  Place nodes;                                    ///< on the fields' lattice, in spacings
   std::optional<MediaLine> line;                  ///< where media are not looked up in vectors
   std::vector<std::pair<double, double>> uneven;  ///< parts of the ray in media without a closed form
   double level = 0;                               ///< longest step through fog that falls off [world units]

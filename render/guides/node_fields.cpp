@@ -117,11 +117,12 @@ NodeFields::NodeFields(const LightFields& fields, const GuideMedia& media, Guide
   const Sky sky(*this, fields_, media_);
   const ViewFrustum frustum(camera);
   const Lattice& lattice = table_.lattice;
-  const double cube = std::sqrt(3.0) * lattice.spacing;  // rays are lit by the nodes around them
   parallel_for(n.x, quiet(task), [&](int x) {
     for (int y = 0; y < n.y; ++y)
       for (int z = 0; z < n.z; ++z)
-        if (fields_.near()[lattice.index(x, y, z)] && (moving || frustum.near(lattice.node(x, y, z), cube)))
+        if (fields_.near()[lattice.index(x, y, z)] &&
+            // Rays are lit by the nodes around them.
+            (moving || frustum.near(lattice.node(x, y, z), lattice.reach(x, y, z))))
           fill_node({x, y, z}, camera, sky);
   });
 }

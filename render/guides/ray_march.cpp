@@ -382,7 +382,7 @@ HWY_INLINE void RayMarch::add_sharp_light(size_t k, M mask) {
   if (known.visible || known.depth) {
     const V3 place = place_at_nodes(mask, distance) * to_lights_ +
                      V3{set(lights_origin_.x), set(lights_origin_.y), set(lights_origin_.z)};
-    const LatticeCell cell(place, scene_.nodes.n);
+    const LatticeCell cell(to_nodes(scene_.nodes, place), scene_.nodes.n);
     if (known.visible) visible = between_nodes(scene_.nodes, known.visible, cell, mask);
     if (known.depth) depth = between_nodes(scene_.nodes, known.depth, cell, mask);
   }
@@ -422,7 +422,7 @@ void RayMarch::add_fields(M mask) {
   const NodeTable& table = fields_.table;
   const ivec3& n = table.lattice.n;
   const V inverse = node_segment_.inverse_thickness();
-  const LatticeCell cell(place_at_nodes(mask, node_segment_.distance.load() * inverse), n);
+  const LatticeCell cell(to_nodes(table.lattice, place_at_nodes(mask, node_segment_.distance.load() * inverse)), n);
   HWY_ALIGN int32_t first[hn::MaxLanes(DI())];
   hn::Store((cell.node[0] * n.y + cell.node[1]) * n.z + cell.node[2], DI(), first);
   Lane weight[8], albedo;
@@ -489,12 +489,12 @@ HWY_INLINE void RayMarch::add_coloured_light(MarchedRay& ray, const float* at, f
   ray.deep->light_up(s.end[lane], part.w, vec3(direct + indirect));
 }
 
-/// On the fields' lattice, where the light was solved.
+/// On the fields' lattice, in spacings, where the light was solved.
 HWY_INLINE V3 RayMarch::place_at_nodes(M mask, V t) const {
   if (!scene_.follows) return nodes_.at(t);
   Lanes3 moved;
   rays_.for_each(mask, t, [&](size_t lane, MarchedRay& ray, float at) {
-    moved.set(lane, vec3(fields_.table.lattice.to_lattice(scene_.in_light(ray, at))));
+    moved.set(lane, vec3(fields_.table.lattice.to_spacings(scene_.in_light(ray, at))));
   });
   return moved.load();
 }

@@ -20,7 +20,8 @@ constexpr double kLeastQuadratic = 0.25;
 constexpr int kBeamDirections = 96;
 constexpr size_t kTogether = 4;
 constexpr double kPeakMeanCosine = 0.75;
-constexpr int kNear = 4;  // nodes around the media in which light that has left them is followed
+constexpr int kMostLines = 8;  // along which a cell's media are looked up, across each axis
+constexpr int kNear = 4;       // nodes around the media in which light that has left them is followed
 
 /// Whether a direction is swept along z, in arrays that have it slowest.
 bool lies(const dvec3& d) {
@@ -50,43 +51,54 @@ const std::vector<dvec3>& ScatteringSolver::directions() {
 ScatteringSolver::ScatteringSolver(const Lattice& lattice, const GuideMedia& media, GuideColour colour,
                                    const Task& task)
     : ScatteringSolver(lattice, task) {
-  // Means over cubes around the nodes, from lines along rows of them.
+  // Means over the cells around the nodes, from lines along rows of them, a spacing after the other.
   const double cube = lattice.spacing;
   const int inner = std::clamp(static_cast<int>(std::lround(cube / media.voxel())), 1, 3);
   const LaneMedia lanes(media, colour);
   const bool even = lanes.even();
+  const int last = static_cast<int>(lattice.last_place().z);
   fill([&](int x, int y, std::vector<NodeMedia>& row) {
     static thread_local std::vector<std::pair<double, double>> parts;
     static thread_local std::vector<float> extinctions;
+    static thread_local std::vector<NodeMedia> spacings;
+    spacings.assign(static_cast<size_t>(last) + 1, {});
     MediaLine line(media, colour);
-    for (int k = 0; k < inner * inner; ++k) {
-      const dvec3 place(k % inner, k / inner, 0);
-      const Ray ray{lattice_.node(x, y, 0) + cube * ((place + 0.5) / static_cast<double>(inner) - 0.5), {0, 0, cube}};
+    const dvec2 along_x = lattice.halves(0, x), along_y = lattice.halves(1, y);
+    const dvec3 cell(along_x.x + along_x.y, along_y.x + along_y.y, 1), before(along_x.x, along_y.x, 0.5);
+    // Wide cells have more lines.
+    const auto lines = [&](double width) {
+      return std::clamp(static_cast<int>(std::lround(inner * width)), inner, kMostLines);
+    };
+    const int lines_x = lines(cell.x), lines_y = lines(cell.y);
+    for (int k = 0; k < lines_x * lines_y; ++k) {
+      const dvec3 place(k % lines_x, k / lines_x, 0), samples(lines_x, lines_y, inner);
+      const Ray ray{lattice_.node(x, y, 0) + cube * (cell * ((place + 0.5) / samples) - before), {0, 0, cube}};
       for (size_t m = 0; even && m < media.media().size(); ++m) {
         const double albedo = media.constants(m).albedo[static_cast<size_t>(colour + 1)], g = media.mean_cosine(m);
-        extinctions.resize(static_cast<size_t>(inner) * (row.size() - 2));
+        extinctions.resize(static_cast<size_t>(inner) * (spacings.size() - 2));
         lanes.extinctions(m, ray.at(1), ray.d / static_cast<double>(inner), extinctions);
-        for (size_t z = 1; z + 1 < row.size(); ++z)
+        for (size_t z = 1; z + 1 < spacings.size(); ++z)
           for (size_t i = 0; i < static_cast<size_t>(inner); ++i)
-            row[z].add(static_cast<double>(extinctions[(z - 1) * static_cast<size_t>(inner) + i]), albedo, g);
+            spacings[z].add(static_cast<double>(extinctions[(z - 1) * static_cast<size_t>(inner) + i]), albedo, g);
       }
       if (even) continue;
-      media.intervals(ray, lattice_.n.z - 1, parts);
+      media.intervals(ray, last, parts);
       line.follow(ray);
       int z = 1;
       for (const auto& [begin, end] : parts)
-        for (z = std::max(z, static_cast<int>(begin)); z < lattice_.n.z - 1 && z <= end; ++z)
+        for (z = std::max(z, static_cast<int>(begin)); z < last && z <= end; ++z)
           for (int i = 0; i < inner; ++i) {
             const GuideMedia::Point point = line.at(z + static_cast<double>(i) / inner);
-            row[static_cast<size_t>(z)].add(point.sigma_t, point.albedo, point.g);
+            spacings[static_cast<size_t>(z)].add(point.sigma_t, point.albedo, point.g);
           }
     }
+    gather_cells(spacings, row);
     for (NodeMedia& node : row) {
       if (!(node.extinction > 0)) continue;
       const double albedo = node.scattered / node.extinction;
       const double g = node.scattered > 0 ? node.linear / node.scattered : 0;
       const double peak = peak_weight(g), left = 1 - albedo * peak;
-      node.extinction *= cube / (inner * inner * inner);
+      node.extinction *= cube / (lines_x * lines_y * inner);
       node.scaled = node.extinction * left;
       node.scattered = node.scaled * albedo * (1 - peak) / left;
       node.linear = node.scaled * 3 * (g - peak) / (1 - peak);
@@ -117,8 +129,20 @@ ScatteringSolver::ScatteringSolver(const Lattice& lattice, const ScatteringSolve
 
 ScatteringSolver::ScatteringSolver(const Lattice& lattice, const Task& task) : lattice_(lattice), task_(quiet(task)) {
   const ivec3 n = lattice.n;
-  z_major_ = {{n.x, n.y, n.z}, lattice.row(), nullptr};
-  y_major_ = {{n.z, n.x, n.y}, Lattice::padded(n.y), nullptr};
+  z_major_ = {{n.x, n.y, n.z}, lattice.row()};
+  y_major_ = {{n.z, n.x, n.y}, Lattice::padded(n.y)};
+  for (int a = 0; a < 3; ++a) {
+    std::vector<float>& places = places_[static_cast<size_t>(a)];
+    std::vector<double>& widths = widths_[static_cast<size_t>(a)];
+    for (int i = 0; i < n[a]; ++i) {
+      const dvec2 halves = lattice.halves(a, i);
+      widths.push_back(halves.x + halves.y);
+      if (lattice.planes) places.push_back(static_cast<float>(lattice.place(a, i)));
+    }
+    if (!lattice.planes) continue;
+    z_major_.places[static_cast<size_t>(a)] = places.data();
+    y_major_.places[static_cast<size_t>((a + 1) % 3)] = places.data();
+  }
   for (NodeValues* field : {&extinction_, &scaled_, &albedo_, &linear_, &quadratic_, &cosine_})
     *field = NodeValues(lattice.size());
   for (NodeValues* field : {&y_major_extinction_, &y_major_scaled_}) *field = NodeValues(y_major_.size());
@@ -127,6 +151,19 @@ ScatteringSolver::ScatteringSolver(const Lattice& lattice, const Task& task) : l
   }
   for (size_t i = 0; i < bundles_.size(); ++i) {
     bundles_[i].y_major = i >= 4;
+  }
+}
+
+void ScatteringSolver::gather_cells(std::vector<NodeMedia>& spacings, std::vector<NodeMedia>& row) const {
+  if (!lattice_.planes) return row.swap(spacings);
+  for (int z = 1; z < lattice_.n.z - 1; ++z) {
+    const double place = lattice_.place(2, z);
+    const dvec2 halves = lattice_.halves(2, z);
+    const double begin = place - halves.x, end = place + halves.y;
+    for (int k = static_cast<int>(std::floor(begin + 0.5)); k - 0.5 < end; ++k) {
+      const double share = std::min(end, k + 0.5) - std::max(begin, k - 0.5);
+      row[static_cast<size_t>(z)].add(spacings[static_cast<size_t>(k)], share / (end - begin));
+    }
   }
 }
 
@@ -149,12 +186,12 @@ void ScatteringSolver::fill(const Sample& sample) {
         linear_[i] = static_cast<float>(node.linear / node.scaled);
         quadratic_[i] = static_cast<float>(node.quadratic / node.scaled);
         cosine_[i] = static_cast<float>(node.cosine / node.scaled);
-        sums[static_cast<size_t>(x)].add(node);
+        sums[static_cast<size_t>(x)].add(node, volume(x, y, z));
       }
     }
   });
   NodeMedia total;
-  for (const NodeMedia& s : sums) total.add(s);
+  for (const NodeMedia& s : sums) total.add(s, 1);
   if (total.scaled > 0) {
     mean_scale_ = total.scaled / total.extinction;
     // Where nothing is, as it is on average: light is interpolated between nodes inside and outside.
@@ -473,8 +510,8 @@ Emission ScatteringSolver::emission_from(const ScatteringSolver& fine, const Sou
 template <class Value>
 double ScatteringSolver::sum_over_media(const Value& value) const {
   std::vector<double> sums(static_cast<size_t>(lattice_.n.x), 0.0);
-  each_node([&](int x, int, int, size_t i) {
-    if (extinction_[i] > 0) sums[static_cast<size_t>(x)] += value(i);
+  each_node([&](int x, int y, int z, size_t i) {
+    if (extinction_[i] > 0) sums[static_cast<size_t>(x)] += volume(x, y, z) * value(i);
   });
   double sum = 0;
   for (const double s : sums) sum += s;

@@ -150,9 +150,9 @@ class ScatteringSolver {
         for (size_t i = begin; i < end; ++i) to[a][i] += from[a][i];
     });
   }
-  /// Of the mean radiance, over the nodes with extinction in them.
+  /// Of the mean radiance, over the cells with extinction in them.
   double total(const Source& light) const;
-  /// Of two fields, over the same nodes.
+  /// Of two fields, over the same cells.
   double product(const NodeValues& a, const NodeValues& b) const;
 
   /// Calls visit(x, y, z, index) for the inner nodes, on the task's threads.
@@ -177,19 +177,25 @@ class ScatteringSolver {
       scattered += sigma_t * point_albedo;
       linear += sigma_t * point_albedo * g;
     }
-    void add(const NodeMedia& other) {
-      extinction += other.extinction;
-      scaled += other.scaled;
-      scattered += other.scattered;
-      linear += other.linear;
-      quadratic += other.quadratic;
-      cosine += other.cosine;
+    void add(const NodeMedia& other, double share) {
+      extinction += share * other.extinction;
+      scaled += share * other.scaled;
+      scattered += share * other.scattered;
+      linear += share * other.linear;
+      quadratic += share * other.quadratic;
+      cosine += share * other.cosine;
     }
   };
   ScatteringSolver(const Lattice& lattice, const Task& task);
   /// @param sample  called as sample(x, y, row) to set the nodes of a row that are not its border
   template <class Sample>
   void fill(const Sample& sample);
+  /// Means over the cells of a row's nodes. @param spacings  what lies around each spacing of the row
+  void gather_cells(std::vector<NodeMedia>& spacings, std::vector<NodeMedia>& row) const;
+  /// Of the cell around a node, in cubes of a spacing.
+  double volume(int x, int y, int z) const {
+    return widths_[0][static_cast<size_t>(x)] * widths_[1][static_cast<size_t>(y)] * widths_[2][static_cast<size_t>(z)];
+  }
   template <class Value>
   double sum_over_media(const Value& value) const;
   void find_rows();
@@ -245,6 +251,8 @@ class ScatteringSolver {
 
   Lattice lattice_;
   Task task_;
+  std::array<std::vector<float>, 3> places_;   // of the planes along each axis, in spacings; of a graded lattice
+  std::array<std::vector<double>, 3> widths_;  // of the cells around their nodes
   // Nodes with z fastest, and with y fastest and z slowest: a sweep never goes along contiguous rows.
   SweepDomain z_major_, y_major_;
   std::vector<SweepRow> rows_, y_major_rows_;                             // the nodes near the media

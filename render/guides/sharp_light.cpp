@@ -57,18 +57,18 @@ ArrivingLight mean_over_cube(const KnownLight& light, const dvec3& node, double 
   return mean;
 }
 
-/// Optical depth from a point along a direction, through the lattice's own extinction, a node a step.
+/// Optical depth from a point along a direction, through the lattice's own extinction, a spacing a step.
 double depth_along(const ScatteringSolver& solver, const dvec3& from, const dvec3& towards, double distance) {
   const Lattice& lattice = solver.lattice();
-  const dvec3 start = lattice.to_lattice(from);
+  const dvec3 start = lattice.to_spacings(from), end = lattice.last_place();
   const double length = distance / lattice.spacing;
   const int steps = static_cast<int>(std::min(std::ceil(length), 4096.0));
   double depth = 0;
   for (int s = 0; s < steps; ++s) {
     const double share = std::min(1.0, length - s);
     const dvec3 q = start + towards * (s + 0.5 * share);
-    if (glm::any(glm::lessThan(q, dvec3(0))) || glm::any(glm::greaterThan(q, dvec3(lattice.n - 1)))) break;
-    const ivec3 node = ivec3(glm::round(q));
+    if (glm::any(glm::lessThan(q, dvec3(0))) || glm::any(glm::greaterThan(q, end))) break;
+    const ivec3 node = ivec3(glm::round(lattice.to_nodes(q)));
     depth += share * static_cast<double>(solver.extinction()[lattice.index(node.x, node.y, node.z)]);
   }
   return depth;

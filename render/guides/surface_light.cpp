@@ -131,9 +131,17 @@ void SurfaceLight::place_probes(const GuideMedia& media, const AmbientLight& nod
       for (int y = 0; y < lattice.n.y; ++y)
         for (int z = 0; z < lattice.n.z; ++z) {
           if (!(nodes.extinction(x, y, z) > 0)) continue;
-          for (const double corner : {-0.5, 0.5})
-            for (const int probe : grid_.around(lattice.node(x, y, z) + corner * lattice.spacing).probe)
-              probe_[static_cast<size_t>(probe)] = 0;
+          // Of cubes of a spacing that make up the cell.
+          const dvec3 cell = lattice.cell(x, y, z), cubes = glm::ceil(cell);
+          for (double i = 0; i < cubes.x; ++i)
+            for (double j = 0; j < cubes.y; ++j)
+              for (double k = 0; k < cubes.z; ++k)
+                for (const double corner : {0.0, 1.0})
+                  for (const int probe : grid_
+                                             .around(lattice.node(x, y, z) +
+                                                     lattice.spacing * cell * ((dvec3(i, j, k) + corner) / cubes - 0.5))
+                                             .probe)
+                    probe_[static_cast<size_t>(probe)] = 0;
         }
     if (static_cast<size_t>(std::count(probe_.begin(), probe_.end(), 0)) <= kMostProbes) break;
   }

@@ -33,21 +33,100 @@ struct Footpoint {
     std::tie(corner_across, across) = split(direction[axis_across]);
     std::tie(corner_row, row) = split(direction[2]);
   }
-  std::ptrdiff_t offset(std::ptrdiff_t next_across) const { return corner_across * next_across + corner_row; }
 };
 
-/// A value at the footpoint of a node: between four neighbours in the plane that the light comes from.
-struct Upwind {
-  float weight[4];
-  explicit Upwind(const Footpoint& foot)
-      : weight{(1 - foot.across) * (1 - foot.row), (1 - foot.across) * foot.row, foot.across * (1 - foot.row),
-               foot.across * foot.row} {}
-  /// @param first  of the four   @param next  to its neighbour across
-  HWY_INLINE V operator()(const float* first, std::ptrdiff_t next) const {
+/// The footpoints of a beam on an even lattice, and values there: between four neighbours in the plane that the light
+/// comes from.
+class EvenUpwind {
+ public:
+  EvenUpwind(const SweepDomain&, const std::array<double, 3>& direction, size_t along)
+      : foot_(direction, 1 - along, std::abs(direction[along])),
+        weight_{(1 - foot_.across) * (1 - foot_.row), (1 - foot_.across) * foot_.row, foot_.across * (1 - foot_.row),
+                foot_.across * foot_.row} {}
+  /// How far the beam's next plane is, in spacings.
+  void enter_plane(float) {}
+  /// From a row to that of its footpoints.
+  std::ptrdiff_t enter_row(int, std::ptrdiff_t next) { return foot_.corner_across * next + foot_.corner_row; }
+  /// @param row  of the footpoints   @param z  of a vector of nodes   @param next  to the neighbour across
+  HWY_INLINE V operator()(const float* row, int z, std::ptrdiff_t next) const {
     const D d;
-    return weight[0] * hn::LoadU(d, first) + weight[1] * hn::LoadU(d, first + 1) +
-           weight[2] * hn::LoadU(d, first + next) + weight[3] * hn::LoadU(d, first + next + 1);
+    const float* const first = row + z;
+    return weight_[0] * hn::LoadU(d, first) + weight_[1] * hn::LoadU(d, first + 1) +
+           weight_[2] * hn::LoadU(d, first + next) + weight_[3] * hn::LoadU(d, first + next + 1);
   }
+
+ private:
+  Footpoint foot_;
+  float weight_[4];
+};
+
+/// The same on a lattice whose planes are not evenly spaced: each node's footpoint lies in a cell of its own.
+class GradedUpwind {
+ public:
+  GradedUpwind(const SweepDomain& domain, const std::array<double, 3>& direction, size_t along)
+      : across_(domain.places[1 - along], domain.n[1 - along], domain.n[1 - along],
+                direction[1 - along] / std::abs(direction[along])),
+        row_(domain.places[2], domain.n[2], domain.row, direction[2] / std::abs(direction[along])),
+        whole_(static_cast<size_t>(domain.row / Lattice::kVector)) {}
+  void enter_plane(float distance) {
+    if (distance == distance_) return;
+    distance_ = distance;
+    across_.find(distance);
+    row_.find(distance);
+    for (size_t v = 0; v < whole_.size(); ++v) {
+      const int32_t* const cells = row_.cell.data() + v * Lattice::kVector;
+      whole_[v] = true;
+      for (int k = 1; k < Lattice::kVector; ++k) whole_[v] = whole_[v] && cells[k] == cells[0] + k;
+    }
+  }
+  std::ptrdiff_t enter_row(int r, std::ptrdiff_t next) {
+    share_ = across_.share[static_cast<size_t>(r)];
+    return (across_.cell[static_cast<size_t>(r)] - r) * next;
+  }
+  HWY_INLINE V operator()(const float* row, int z, std::ptrdiff_t next) const {
+    const D d;
+    const hn::RebindToSigned<D> di;
+    const int32_t* const cell = row_.cell.data() + z;
+    const V share = hn::LoadU(d, row_.share.data() + z);
+    V value[4];
+    if (whole_[static_cast<size_t>(z / Lattice::kVector)]) {
+      const float* const first = row + *cell;
+      for (int k = 0; k < 4; ++k) value[k] = hn::LoadU(d, first + (k & 1) + (k & 2 ? next : 0));
+    } else {
+      const auto cells = hn::LoadU(di, cell);
+      for (int k = 0; k < 4; ++k) value[k] = hn::GatherIndex(d, row + (k & 1) + (k & 2 ? next : 0), cells);
+    }
+    const V here = value[0] + share * (value[1] - value[0]), there = value[2] + share * (value[3] - value[2]);
+    return here + share_ * (there - here);
+  }
+
+ private:
+  /// Of the nodes along an axis: the first node of the cell that its footpoint is in, and how far into it that is.
+  struct Cells {
+    Cells(const float* axis_places, int nodes, int room, double change)
+        : cell(static_cast<size_t>(room)), share(cell.size()), places(axis_places), n(nodes), slope(change) {}
+    void find(float distance) {
+      int k = 0;
+      for (int i = 0; i < n; ++i) {
+        const double from = static_cast<double>(places[i]) - slope * static_cast<double>(distance);
+        const double place = std::clamp(from, 0.0, static_cast<double>(places[n - 1]));
+        while (k + 2 < n && static_cast<double>(places[k + 1]) <= place) ++k;
+        cell[static_cast<size_t>(i)] = k;
+        share[static_cast<size_t>(i)] = static_cast<float>((place - static_cast<double>(places[k])) /
+                                                           static_cast<double>(places[k + 1] - places[k]));
+      }
+      for (size_t i = static_cast<size_t>(n); i < cell.size(); ++i) cell[i] = cell[i - 1] + 1;
+    }
+    std::vector<int32_t> cell;
+    std::vector<float> share;
+    const float* places;
+    int n;
+    double slope;
+  };
+
+  Cells across_, row_;
+  std::vector<uint8_t> whole_;  // vectors whose footpoints lie in cells side by side
+  float distance_ = 0, share_ = 0;
 };
 
 /// A plane of floats with room for vectors before and behind it, and the plane before it.
@@ -61,18 +140,19 @@ struct TwoPlanes {
 };
 
 /// A beam on its way, and what it passes from one plane to the next.
+template <class Upwind>
 struct Beam {
-  Footpoint foot;
   Upwind upwind;
+  float slant;   // length for a spacing from plane to plane
   float length;  // along the beam from one plane to the next
   TwoPlanes light, gained;
-  // In the row that is swept: footpoints' first neighbours, and the row itself.
+  // In the row that is swept: that of the footpoints, and the row itself.
   const float *extinction_before = nullptr, *light_before = nullptr, *gained_before = nullptr;
   float *light_row = nullptr, *gained_row = nullptr;
-  Beam(const SweepBeam& b, size_t axis_along, size_t plane_size)
-      : foot(b.direction, 1 - axis_along, std::abs(b.direction[axis_along])),
-        upwind(foot),
-        length(static_cast<float>(1 / std::abs(b.direction[axis_along]))),
+  Beam(const SweepDomain& domain, const SweepBeam& b, size_t axis_along, size_t plane_size)
+      : upwind(domain, b.direction, axis_along),
+        slant(static_cast<float>(1 / std::abs(b.direction[axis_along]))),
+        length(slant),
         light(plane_size, b.incoming),
         gained(plane_size, 0.0f) {}
 };
@@ -80,6 +160,7 @@ struct Beam {
 /// In place of how many sources there are: each beam has its own.
 constexpr size_t kOwnSource = 100;
 
+template <class Upwind>
 class Sweep {
  public:
   Sweep(const SweepDomain& domain, const SweepMedia& media, std::span<const SweepBeam> beams,
@@ -94,16 +175,20 @@ class Sweep {
     const size_t plane = static_cast<size_t>(domain.n[1 - along_]) * domain.row;
     border_.assign(plane + 2 * Lattice::kVector, 0.0f);
     state_.reserve(beams.size());
-    for (const SweepBeam& b : beams) state_.emplace_back(b, along_, plane);
+    for (const SweepBeam& b : beams) state_.emplace_back(domain, b, along_, plane);
   }
 
   void run() {
     const int planes = domain_.n[along_], rows = domain_.n[1 - along_];
     const int begin = sign_ > 0 ? 1 : planes - 2, end = sign_ > 0 ? planes - 1 : 0;
     for (int p = begin; p != end; p += sign_) {
-      for (Beam& beam : state_) {
+      const float* const places = domain_.places[along_];
+      const float distance = places ? std::abs(places[p] - places[p - sign_]) : 1;
+      for (Beam<Upwind>& beam : state_) {
         std::swap(beam.light.now, beam.light.before);
         std::swap(beam.gained.now, beam.gained.before);
+        beam.length = distance * beam.slant;
+        beam.upwind.enter_plane(distance);
       }
       for (int r = 1; r < rows - 1; ++r) sweep_row(p, r, p == begin);
     }
@@ -127,12 +212,13 @@ class Sweep {
     const float* const behind =
         at_border ? border_.data() + Lattice::kVector + in_plane : media_.extinction + row - sign_ * stride(along_);
     for (size_t k = 0; k < state_.size(); ++k) {
-      Beam& beam = state_[k];
+      Beam<Upwind>& beam = state_[k];
       beam.light_row = beam.light.now + in_plane;
       beam.gained_row = beam.gained.now + in_plane;
-      beam.extinction_before = behind + beam.foot.offset(next);
-      beam.light_before = beam.light.before + in_plane + beam.foot.offset(domain_.row);
-      beam.gained_before = beam.gained.before + in_plane + beam.foot.offset(domain_.row);
+      const std::ptrdiff_t in_light = beam.upwind.enter_row(r, domain_.row);
+      beam.extinction_before = behind + beam.upwind.enter_row(r, next);
+      beam.light_before = beam.light.before + in_plane + in_light;
+      beam.gained_before = beam.gained.before + in_plane + in_light;
       const auto clear = [&](int from, int to) {
         std::fill(beam.light_row + from, beam.light_row + to, beams_[k].incoming);
         std::fill(beam.gained_row + from, beam.gained_row + to, 0.0f);
@@ -180,12 +266,12 @@ class Sweep {
         source[i] = hn::LoadU(d, media_.source[i] + row + z);
       for (size_t k = 0; k < state_.size(); ++k) {
         const SweepBeam& b = beams_[k];
-        const Beam& beam = state_[k];
-        const V tau = 0.5f * beam.length * (beam.upwind(beam.extinction_before + z, next) + extinction);
+        const Beam<Upwind>& beam = state_[k];
+        const V tau = 0.5f * beam.length * (beam.upwind(beam.extinction_before, z, next) + extinction);
         // exp(-tau) = 1 / (1 + tau m), by the exponential's series; (1 - exp(-tau)) / tau is m / (1 + tau m).
         const V m = 1.0f + tau * (0.5f + tau * (1.0f / 6 + tau * (1.0f / 24)));
         const V transmitted = 1.0f / (1.0f + tau * m);
-        V light = beam.upwind(beam.light_before + z, domain_.row) * transmitted;
+        V light = beam.upwind(beam.light_before, z, domain_.row) * transmitted;
         if constexpr (kSources > 0) {
           V gain;
           if constexpr (kSources == kOwnSource) {
@@ -196,7 +282,7 @@ class Sweep {
             gain = hn::Max(gain, hn::Zero(d));
           }
           hn::StoreU(gain, d, beam.gained_row + z);
-          const V mean = 0.5f * (beam.upwind(beam.gained_before + z, domain_.row) + gain);
+          const V mean = 0.5f * (beam.upwind(beam.gained_before, z, domain_.row) + gain);
           light = light + beam.length * mean * (m * transmitted);
         }
         hn::StoreU(light, d, beam.light_row + z);
@@ -217,14 +303,17 @@ class Sweep {
   const bool adds_;
   const size_t along_;  // the axis that planes follow one another on
   const int sign_;
-  std::vector<Beam> state_;
+  std::vector<Beam<Upwind>> state_;
   // What lies behind the first plane: no extinction, with room before its first node.
   std::vector<float> border_;
 };
 
 void SweepLattice(const SweepDomain& domain, const SweepMedia& media, std::span<const SweepBeam> beams,
                   std::span<float* const> moments, bool adds) {
-  Sweep(domain, media, beams, moments, adds).run();
+  if (domain.places[0])
+    Sweep<GradedUpwind>(domain, media, beams, moments, adds).run();
+  else
+    Sweep<EvenUpwind>(domain, media, beams, moments, adds).run();
 }
 
 }  // namespace brume::HWY_NAMESPACE
