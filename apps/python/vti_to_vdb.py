@@ -170,7 +170,10 @@ def numbers(element, key, default):
 
 
 def extent_of(element, key):
-    return np.array(element.get(key).split(), dtype=int).reshape(3, 2)
+    given = element.get(key, "").split()
+    if len(given) != 6:
+        raise Problem(f"<{element.tag}> has {key}=\"{' '.join(given)}\", expected six whole numbers")
+    return np.array(given, dtype=int).reshape(3, 2)
 
 
 def grids_of(image, names, zero, vdb):
