@@ -7,10 +7,10 @@
 #include <vector>
 
 #include "image/color_space.h"
+#include "render/files/mesh.h"
 #include "render/scene/scene.h"
 #include "render/world/bsdf.h"
 #include "render/world/light_kinds.h"
-#include "render/files/mesh.h"
 
 namespace brume {
 
