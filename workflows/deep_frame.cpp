@@ -67,6 +67,12 @@ double rounded(double value, double step) {
   return std::round(value / power) * power;
 }
 
+/// Nothing of light is then too much, which samples behind could not take back.
+double rounded_down(double value, double step) {
+  const double power = std::exp2(std::floor(std::log2(step)));
+  return std::floor(value / power) * power;
+}
+
 /// The nearest half, which the file keeps as it is.
 double as_half(double value) {
   constexpr double kLargest = 65504, kLeastNormal = 0x1p-14;
@@ -106,7 +112,7 @@ class PixelSamples {
 
  private:
   static constexpr double kStep = 1.0 / 2048;          // of what an alpha takes of the pixel
-  static constexpr double kLightStep = 1.0 / 256;      // of the pixel's light
+  static constexpr double kLightStep = 1.0 / 512;      // of the pixel's light
   static constexpr double kThickest = 1 - 1.0 / 2048;  // the largest half below 1
 
   double alpha_of(const DeepPart& part, bool last) const {
@@ -120,7 +126,7 @@ class PixelSamples {
   vec3 colour_of(bool last) const {
     dvec3 colour = due_ / left_;
     for (int c = 0; c < 3 && half_; ++c) {
-      if (!last && light_[c] > 0) colour[c] = rounded(colour[c], kLightStep * light_[c] / left_);
+      if (!last && light_[c] > 0) colour[c] = rounded_down(colour[c], kLightStep * light_[c] / left_);
       if (light_[c] >= 0) colour[c] = std::max(colour[c], 0.0);
       colour[c] = as_half(colour[c]);
     }
