@@ -61,21 +61,84 @@ std::vector<dvec3> shared_light(std::span<const DeepPart> parts, const dvec3& li
   return shares;
 }
 
-/// Colours are those that the samples before them, as they are rounded, let through.
-void store_pixel(std::span<const DeepPart> parts, const dvec3& light, std::vector<Sample>& samples) {
-  const std::vector<dvec3> shares = shared_light(parts, light);
-  double left = 1;
-  for (size_t i = 0; i < parts.size(); ++i) {
-    const DeepPart& part = parts[i];
-    if (left <= 0) {  // nothing is seen behind: its light goes to what hides it
-      samples.back().colour += vec3(shares[i]);
-      continue;
-    }
-    const auto alpha = static_cast<float>(std::clamp(1 - static_cast<double>(part.left) / left, 0.0, 1.0));
-    samples.push_back({part.z, part.z_back, alpha, vec3(shares[i] / left)});
-    left *= 1 - static_cast<double>(alpha);
-  }
+/// The nearest multiple of the power of two at or below a step.
+double rounded(double value, double step) {
+  const double power = std::exp2(std::floor(std::log2(step)));
+  return std::round(value / power) * power;
 }
+
+/// Nothing of light is then too much, which samples behind could not take back.
+double rounded_down(double value, double step) {
+  const double power = std::exp2(std::floor(std::log2(step)));
+  return std::floor(value / power) * power;
+}
+
+/// The nearest half, which the file keeps as it is.
+double as_half(double value) {
+  constexpr double kLargest = 65504, kLeastNormal = 0x1p-14;
+  const double power = std::exp2(std::floor(std::log2(std::max(std::abs(value), kLeastNormal))) - 10);
+  return std::clamp(std::round(value / power) * power, -kLargest, kLargest);
+}
+
+/// Makes a pixel's samples of its parts. Each has the colour and alpha that those before it, as they are rounded, leave
+/// to it, so that roundings do not add up. Those of halves are rounded to fewer digits, which pack well, but for the
+/// last ones', and a sample of which nothing is left is none.
+class PixelSamples {
+ public:
+  PixelSamples(std::span<const DeepPart> parts, const dvec3& light, Type type)
+      : parts_(parts), light_(light), half_(type == Type::kHalf) {}
+
+  void store(std::vector<Sample>& samples) {
+    const std::vector<dvec3> shares = shared_light(parts_, light_);
+    size_t last_cover = 0;
+    for (size_t i = 0; i < parts_.size(); ++i)
+      if (parts_[i].left < (i == 0 ? 1 : parts_[i - 1].left)) last_cover = i;
+    for (size_t i = 0; i < parts_.size(); ++i) {
+      if (left_ <= 0) {  // nothing is seen behind: its light goes to what hides it
+        samples.back().colour += vec3(shares[i]);
+        continue;
+      }
+      const DeepPart& part = parts_[i];
+      const bool last = i + 1 == parts_.size() || part.left < kStep;
+      const double alpha = alpha_of(part, i == last_cover);
+      due_ += shares[i];
+      const vec3 colour = colour_of(last);
+      if (!last && alpha == 0 && colour == vec3(0)) continue;
+      samples.push_back({part.z, part.z_back, static_cast<float>(alpha), colour});
+      due_ -= left_ * dvec3(colour);
+      left_ *= 1 - alpha;
+    }
+  }
+
+ private:
+  static constexpr double kStep = 1.0 / 2048;          // of what an alpha takes of the pixel
+  static constexpr double kLightStep = 1.0 / 512;      // of the pixel's light
+  static constexpr double kThickest = 1 - 1.0 / 2048;  // the largest half below 1
+
+  double alpha_of(const DeepPart& part, bool last) const {
+    const double alpha = std::clamp(1 - static_cast<double>(part.left) / left_, 0.0, 1.0);
+    if (!half_) return static_cast<float>(alpha);
+    if (part.left <= 0) return 1;
+    const double few = last || part.z == part.z_back ? alpha : rounded(alpha, std::min(kStep / left_, 1.0 / 64));
+    return std::min(as_half(few), kThickest);
+  }
+
+  vec3 colour_of(bool last) const {
+    dvec3 colour = due_ / left_;
+    for (int c = 0; c < 3 && half_; ++c) {
+      if (!last && light_[c] > 0) colour[c] = rounded_down(colour[c], kLightStep * light_[c] / left_);
+      if (light_[c] >= 0) colour[c] = std::max(colour[c], 0.0);
+      colour[c] = as_half(colour[c]);
+    }
+    return vec3(colour);
+  }
+
+  const std::span<const DeepPart> parts_;
+  const dvec3 light_;
+  const bool half_;
+  double left_ = 1;
+  dvec3 due_{0};  // light that the samples have to show yet
+};
 
 Layers flattened_file(const DeepPicture& picture, const std::filesystem::path& path, float before) {
   try {
@@ -100,7 +163,7 @@ DeepPicture deep_frame(const DeepRecord& record, Layers& frame, Type type) {
       const dvec3 light((*rgb[0])(x, y), (*rgb[1])(x, y), (*rgb[2])(x, y));
       if (parts.empty() && light != dvec3(0)) parts.push_back({kDeepBackground, kDeepBackground, 1, vec3(1)});
       const size_t before = row.size();
-      store_pixel(parts, light, row);
+      PixelSamples(parts, light, type).store(row);
       counts[static_cast<size_t>(y) * width + x] = static_cast<uint32_t>(row.size() - before);
       double left = 1;
       for (size_t i = before; i < row.size(); ++i) left *= 1 - static_cast<double>(row[i].alpha);
@@ -114,8 +177,8 @@ DeepPicture deep_frame(const DeepRecord& record, Layers& frame, Type type) {
       {"A", [](const Sample& s) { return s.alpha; }},    {"R", [](const Sample& s) { return s.colour.x; }},
       {"G", [](const Sample& s) { return s.colour.y; }}, {"B", [](const Sample& s) { return s.colour.z; }}};
   for (const auto& [name, value] : channels) {
-    const bool colour = std::string_view("RGB").find(*name) != std::string_view::npos;
-    float* to = picture.add(name, colour ? type : Type::kFloat).values.data();
+    const bool depth = *name == 'Z';
+    float* to = picture.add(name, depth ? Type::kFloat : type).values.data();
     for (const std::vector<Sample>& row : rows)
       for (const Sample& s : row) *to++ = value(s);
   }

@@ -12,7 +12,7 @@ namespace brume {
 /// A frame's picture at the depths of its parts: each has the share of the picture's light that it has of the predicted
 /// light, so that the deep picture flattened is the frame's. The frame's alpha becomes that of the parts, which has no
 /// noise. Samples are tidy, colours multiplied by their alpha, depths are along the camera's axis.
-/// @param type  of colours; alpha and depths are floats, as a half cannot tell a thick volume from a wall
+/// @param type  of colours and alpha; depths are floats. A half's largest alpha below 1 is 1 - 1/2048
 DeepPicture deep_frame(const DeepRecord& parts, Layers& frame, DeepPicture::Channel::Type type);
 
 /// Adds the layers depth_mean, depth_half, depth_first and mist (image/deep_picture.h) to a frame. Depths are along the

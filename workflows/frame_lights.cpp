@@ -22,7 +22,7 @@ bool has_all(const Layers& frame, const ChannelTriple& channels) {
   return std::all_of(channels.begin(), channels.end(), [&](const std::string& c) { return frame.find(c) != nullptr; });
 }
 
-Layers mix_foreign(Layers frame, const ForeignFrame& picture, const FrameLights& lights, const LightMix& mix) {
+Layers mix_foreign(const Layers& frame, const ForeignFrame& picture, const FrameLights& lights, const LightMix& mix) {
   Layers mixed = frame.without_channels();
   std::set<std::string> left_out;
   for (const std::string& channel : picture.channels()) left_out.insert(channel);
@@ -93,6 +93,18 @@ Layers mixed_frame(const ExrFile& file, const std::filesystem::path& map, const 
   if (!foreign || lights.empty()) return mix_lights(read_frame(file, host), mix);
   check_light_groups(mix, lights[0].names(), "the frame");
   return mix_foreign(file.read(), *foreign, lights[0], mix);
+}
+
+Layers mixed_frame(const Layers& frame, const LightMix& mix) {
+  if (!light_groups_in(frame).empty()) return mix_lights(frame, mix);
+  ExrInfo info;
+  info.header = frame.header;
+  for (const std::string& name : frame.names()) info.channels.push_back({name, "float", frame.data_window()});
+  const std::optional<ForeignFrame> foreign = picture_in(info, {});
+  const std::vector<FrameLights> lights = lights_in(info, foreign);
+  if (!foreign || lights.empty()) return mix_lights(frame, mix);
+  check_light_groups(mix, lights[0].names(), "the frame");
+  return mix_foreign(frame, *foreign, lights[0], mix);
 }
 
 }  // namespace brume

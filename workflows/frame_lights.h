@@ -41,6 +41,8 @@ std::vector<FrameLights> lights_in(const ExrInfo& file, const std::optional<Fore
 /// and its groups, also as R, G, B on top, and what is no part of its light.
 /// @throws InputError: no groups, or not one that is named; as read_frame
 Layers mixed_frame(const ExrFile& file, const std::filesystem::path& map, const LightMix& mix, const Host& host);
+/// The same of a frame in memory, whose channels have the names that its program gave them.
+Layers mixed_frame(const Layers& frame, const LightMix& mix);
 
 template <class PlaneOf>
 Plane FrameLights::mixed(const LightMix& mix, size_t colour, const PlaneOf& plane_of) const {

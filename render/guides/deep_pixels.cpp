@@ -3,41 +3,42 @@
 #include <algorithm>
 #include <bit>
 #include <cmath>
-#include <numbers>
 
 namespace brume {
 namespace {
 
-constexpr float kBoundOfOne = 6.4e-3f;  // over the most parts: of transmittance, and of light as a share of the pixel's
-constexpr double kSameDepth = 0.02;     // of the distance: hits of one surface in one pixel that are one point
-constexpr size_t kKnots = 6;            // for each part that there may be
-constexpr int kSweeps = 2;              // over the knots of a pixel with as many parts as it may have
-constexpr float kNothing = 1e-6f;       // transmittance: of a volume less would be a wall in single precision
-constexpr float kMostShift = 0.1f;      // of a knot's transmittance
+constexpr float kBoundOfOne = 1.28e-2f;  // over the most parts: of transmittance
+constexpr double kSameDepth = 0.02;      // of the distance: hits of one surface in one pixel that are one point
+constexpr size_t kKnots = 6;             // for each part that there may be
+constexpr float kCells = 40;             // between depths of few digits, for each part that there may be
+constexpr float kNothing = 1e-6f;        // transmittance: of a volume less would be a wall in single precision
 
-float sum(const vec3& v) {
-  return v.x + v.y + v.z;
-}
+/// Depths with few digits: some times as many as the pixel may have parts between where its volumes begin and end, and
+/// within twice a depth.
+class DepthGrid {
+ public:
+  DepthGrid(std::span<const std::vector<DeepPart>> pixels, size_t most) : fineness_(static_cast<float>(most)) {
+    float first = kDeepBackground, last = 0;
+    for (const std::vector<DeepPart>& parts : pixels)
+      for (const DeepPart& part : parts) {
+        if (part.z == part.z_back) continue;
+        first = std::min(first, part.z);
+        last = std::max(last, part.z_back);
+      }
+    widest_ = (last - first) / (kCells * fineness_);
+  }
+  float before(float z) const { return step(z) * std::floor(z / step(z)); }
+  float behind(float z) const { return step(z) * std::ceil(z / step(z)); }
+  float nearest(float z) const { return step(z) * std::round(z / step(z)); }
 
-/// e^x for -86 < x <= 0, relative error below 1e-5; in a form that compilers turn into vectors.
-inline float fast_exp(float x) {
-  const float t = x * std::numbers::log2e_v<float>;
-  const int32_t whole = static_cast<int32_t>(t) - 1;
-  const float f = t - static_cast<float>(whole);  // 0 .. 1
-  const float power =
-      1 + f * (0.69315308f + f * (0.24015361f + f * (0.05582631f + f * 0.00898934f + f * f * 0.00187758f)));
-  return std::bit_cast<float>((whole + 127) << 23) * power;
-}
+ private:
+  float step(float z) const {
+    const float step = std::min(widest_, std::abs(z) / (2 * kCells * fineness_));
+    return std::bit_cast<float>(std::bit_cast<int32_t>(std::max(step, 1e-30f)) & 0x7f800000);
+  }
 
-// Of numbers that are not negative the order is that of their bits: compilers make vectors of that.
-inline float larger(float a, float b) {
-  return std::bit_cast<float>(std::max(std::bit_cast<int32_t>(a), std::bit_cast<int32_t>(b)));
-}
-float largest(const float* values, size_t count) {
-  int32_t most = 0;
-  for (size_t i = 0; i < count; ++i) most = std::max(most, std::bit_cast<int32_t>(values[i]));
-  return std::bit_cast<float>(most);
-}
+  float fineness_, widest_ = 0;
+};
 
 /// Of a part, up to a place inside: transmittance, and the share of its light. @param before  transmittance
 struct Inside {
@@ -47,7 +48,7 @@ Inside inside(const DeepPart& part, float before, float z) {
   const float f = (z - part.z) / (part.z_back - part.z), taken = before - part.left;
   if (!(taken > 0)) return {before, f};
   if (taken < 0.02f * before) return {before - f * taken, f};
-  const float left = before * std::pow(std::max(part.left, 1e-12f) / before, f);
+  const float left = before * std::exp2(f * std::log2(std::max(part.left, 1e-12f) / before));
   return {left, std::min((before - left) / taken, 1.0f)};
 }
 
@@ -125,11 +126,13 @@ std::vector<DeepPart> DeepPixels::of_rays(std::span<const DeepRay> rays, const v
 }
 
 /// Of the ends of all parts, as many as one pixel has, and not many more than will be needed; both sides of each point.
+/// Ends of volumes are rounded to few digits, which pack well.
 void DeepPixels::make_knots(std::span<const std::vector<DeepPart>> pixels, size_t most) {
   places_.clear();
   size_t all = 0;
   for (const std::vector<DeepPart>& parts : pixels) all += parts.size();
   const size_t every = std::max(pixels.size(), all / (kKnots * most));
+  const DepthGrid grid(pixels, most);
   for (size_t pixel = 0; pixel < pixels.size(); ++pixel) {
     const std::vector<DeepPart>& parts = pixels[pixel];
     for (size_t i = 0; i < parts.size(); ++i) {
@@ -141,8 +144,11 @@ void DeepPixels::make_knots(std::span<const std::vector<DeepPart>> pixels, size_
       }
       const bool follows = i > 0 && parts[i - 1].z_back == p.z,
                  precedes = i + 1 < parts.size() && parts[i + 1].z == p.z_back;
-      if (!follows) places_.emplace_back(p.z, false);
-      if (!precedes || (i + pixel * every / pixels.size()) % every == 0) places_.emplace_back(p.z_back, false);
+      if (!follows) places_.emplace_back(grid.before(p.z), false);
+      if (!precedes)
+        places_.emplace_back(grid.behind(p.z_back), false);
+      else if ((i + pixel * every / pixels.size()) % every == 0)
+        places_.emplace_back(grid.nearest(p.z_back), false);
     }
   }
   std::sort(places_.begin(), places_.end());
@@ -151,118 +157,23 @@ void DeepPixels::make_knots(std::span<const std::vector<DeepPart>> pixels, size_
 
 void DeepPixels::add_up(std::span<const std::vector<DeepPart>> pixels) {
   knots_.clear();
-  for (const auto& [z, behind] : places_) knots_.push_back({z, 0, 0, vec3(0), 0});
+  for (const auto& [z, behind] : places_) knots_.push_back({z, behind, 0, vec3(0)});
   const float share = 1.0f / static_cast<float>(pixels.size());
   for (const std::vector<DeepPart>& parts : pixels) {
     size_t i = 0;
     float left = 1;
     vec3 light(0);
-    for (size_t k = 0; k < knots_.size(); ++k) {
-      const auto [z, behind] = places_[k];
-      for (; i < parts.size() && (parts[i].z_back < z || (parts[i].z_back == z && (behind || parts[i].z < z))); ++i) {
+    for (DeepKnot& k : knots_) {
+      for (; i < parts.size() && (parts[i].z_back < k.z || (parts[i].z_back == k.z && (k.behind || parts[i].z < k.z)));
+           ++i) {
         left = parts[i].left;
         light += parts[i].light;
       }
       Inside in{left, 0};
-      if (i < parts.size() && parts[i].z < z) in = inside(parts[i], left, z);
-      knots_[k].left += share * in.left;
-      knots_[k].light += share * (in.share > 0 ? light + in.share * parts[i].light : light);
+      if (i < parts.size() && parts[i].z < k.z) in = inside(parts[i], left, k.z);
+      k.left += share * in.left;
+      k.light += share * (in.share > 0 ? light + in.share * parts[i].light : light);
     }
-  }
-  const float all = std::max(sum(knots_.back().light), 1e-30f);
-  for (std::vector<float>* column : {&z_, &left_, &light_sums_, &above_, &errors_}) column->resize(knots_.size());
-  for (size_t i = 0; i < knots_.size(); ++i) {
-    Knot& k = knots_[i];
-    k.log_left = std::log(std::max(k.left, kNothing));
-    z_[i] = k.z;
-    left_[i] = k.left;
-    light_sums_[i] = k.light_sum = sum(k.light) / all;
-  }
-}
-
-/// Fills above_ and errors_ for the knots inside. @return  how many
-size_t DeepPixels::compare(size_t from, size_t to) {
-  const Knot a = knots_[from], b = knots_[to];
-  if (to - from < 2 || !(b.z > a.z)) return 0;
-  const float per_z = 1 / (b.z - a.z), depth = b.log_left - a.log_left, taken = a.left - b.left;
-  // Without a branch, so that compilers make vectors of what follows.
-  const float takes = static_cast<float>(taken > kNothing), even = 1 - takes;
-  const float per_taken = takes / std::max(taken, kNothing), light = b.light_sum - a.light_sum;
-  const float *const z = &z_[from + 1], *const left = &left_[from + 1], *const sums = &light_sums_[from + 1];
-  float *const above = above_.data(), *const errors = errors_.data();
-  const size_t between = to - from - 1;
-  for (size_t m = 0; m < between; ++m) {
-    const float f = (z[m] - a.z) * per_z, exponential = a.left * fast_exp(f * depth);
-    const float share = (a.left - exponential) * per_taken + even * f;
-    above[m] = exponential - left[m];
-    errors[m] = larger(std::abs(above[m]), std::abs(a.light_sum + share * light - sums[m]));
-  }
-  return between;
-}
-
-DeepPixels::Piece DeepPixels::piece(size_t from, size_t to) {
-  const size_t between = compare(from, to);
-  return {from, to, largest(errors_.data(), between)};
-}
-
-/// The same, and the knot where it is farthest from what lies between its ends.
-DeepPixels::Piece DeepPixels::cuttable_piece(size_t from, size_t to) {
-  Piece p = piece(from, to);
-  const auto inside = errors_.begin() + static_cast<std::ptrdiff_t>(to - from - 1);
-  p.worst = from + 1 + static_cast<size_t>(std::find(errors_.begin(), inside, p.error) - errors_.begin());
-  return p;
-}
-
-/// By how much the piece's transmittance is too large where that is farthest off.
-float DeepPixels::above_of(const Piece& p) {
-  const size_t between = compare(p.from, p.to);
-  float most = 0;
-  for (size_t m = 0; m < between; ++m)
-    if (std::abs(above_[m]) > std::abs(most)) most = above_[m];
-  return most;
-}
-
-bool DeepPixels::is_empty(const Piece& p) const {
-  const Knot &a = knots_[p.from], &b = knots_[p.to];
-  return a.left - b.left < kNothing && std::abs(b.light_sum - a.light_sum) < kNothing;
-}
-
-/// Moves the knots between neighbouring pieces, one of them above the bound, towards those with the larger error, by
-/// half of them, then by less.
-void DeepPixels::even_out() {
-  const float bound = kBoundOfOne / static_cast<float>(pieces_.size());
-  for (int sweep = 0; sweep < kSweeps; ++sweep)
-    for (size_t i = 0; i + 1 < pieces_.size(); ++i) {
-      Piece &a = pieces_[i], &b = pieces_[i + 1];
-      if (a.to != b.from || std::max(a.error, b.error) <= bound) continue;
-      for (size_t part = 2; part <= 8; part *= 2) {
-        const bool first = a.error > b.error;
-        const size_t step = (first ? a.to - a.from : b.to - b.from) / part, knot = first ? a.to - step : a.to + step;
-        if (step == 0) break;
-        const float most = std::max(a.error, b.error);
-        const Piece front = piece(a.from, knot);
-        if (front.error >= most) continue;
-        const Piece back = piece(knot, b.to);
-        if (back.error >= most) continue;
-        a = front;
-        b = back;
-        break;
-      }
-    }
-}
-
-/// Between pieces that are both too large, or too small, in their middles their common knot takes half of it.
-void DeepPixels::share_errors() {
-  // Of all pieces before the first knot moves.
-  above_of_pieces_.clear();
-  for (const Piece& p : pieces_) above_of_pieces_.push_back(above_of(p));
-  for (size_t i = 0; i + 1 < pieces_.size(); ++i) {
-    const Piece &a = pieces_[i], &b = pieces_[i + 1];
-    const float above = above_of_pieces_[i], behind = above_of_pieces_[i + 1];
-    if (a.to != b.from || above * behind <= 0) continue;
-    float& left = knots_[a.to].left;
-    const float shift = std::clamp(0.25f * (above + behind), -kMostShift * left, kMostShift * left);
-    left = std::clamp(left - shift, knots_[b.to].left, knots_[a.from].left);
   }
 }
 
@@ -270,49 +181,17 @@ std::vector<DeepPart> DeepPixels::mean(std::span<const std::vector<DeepPart>> pi
   make_knots(pixels, most);
   if (places_.empty()) return {};
   add_up(pixels);
-  pieces_.clear();
-  size_t parts = 0;
-  const auto add = [&](size_t from, size_t to) {
-    const Piece p = cuttable_piece(from, to);
-    if (is_empty(p)) return;
-    ++parts;
-    pieces_.push_back(p);
-  };
-  // From point to point.
-  size_t from = 0;
-  for (size_t k = 1; k < knots_.size(); ++k) {
-    if (!places_[k].second) continue;
-    if (k - 1 > from) add(from, k - 1);
-    add(k - 1, k);
-    from = k;
-  }
-  if (from + 1 < knots_.size()) add(from, knots_.size() - 1);
-  if (knots_.back().z == kDeepBackground) ++most;
   const float bound = kBoundOfOne / static_cast<float>(most);
-  while (parts < most) {
-    const auto worst = std::max_element(pieces_.begin(), pieces_.end(),
-                                        [](const Piece& a, const Piece& b) { return a.error < b.error; });
-    if (worst == pieces_.end() || worst->error <= bound) break;
-    const Piece cut = *worst;
-    pieces_.erase(worst);
-    --parts;
-    add(cut.from, cut.worst);
-    add(cut.worst, cut.to);
-  }
-  std::sort(pieces_.begin(), pieces_.end(), [](const Piece& a, const Piece& b) { return a.from < b.from; });
-  if (parts >= most) {
-    even_out();
-    share_errors();
-  }
+  if (knots_.back().z == kDeepBackground) ++most;
+  fit_.begin(knots_);
   std::vector<DeepPart> result;
-  result.reserve(pieces_.size());
-  for (const Piece& p : pieces_) {
-    const Knot &a = knots_[p.from], &b = knots_[p.to];
+  for (const DeepFit::Piece& p : fit_.pieces(bound, most)) {
+    const DeepKnot &a = knots_[p.from], &b = knots_[p.to];
     if (result.size() >= most) {  // more points than parts
-      result.back() = {result.back().z, b.z, b.left, result.back().light + b.light - a.light};
+      result.back() = {result.back().z, b.z, p.left, result.back().light + b.light - a.light};
       continue;
     }
-    result.push_back({a.z, b.z, a.z < b.z ? std::max(b.left, kNothing) : b.left, b.light - a.light});
+    result.push_back({a.z, b.z, a.z < b.z ? std::max(p.left, kNothing) : p.left, b.light - a.light});
   }
   return result;
 }

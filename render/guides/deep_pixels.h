@@ -7,6 +7,7 @@
 
 #include "base/vec.h"
 #include "image/layers.h"
+#include "render/guides/deep_fit.h"
 
 namespace brume {
 
@@ -87,18 +88,6 @@ class DeepPixels {
   std::vector<DeepPart> mean(std::span<const std::vector<DeepPart>> pixels, size_t most);
 
  private:
-  /// A depth of a pixel: transmittance up to it, and the light from before it.
-  struct Knot {
-    float z, left, log_left;
-    vec3 light;
-    float light_sum;
-  };
-  /// A part of the deep pixel that stands for all knots from one to another.
-  struct Piece {
-    size_t from, to;
-    float error;       ///< the largest difference from a knot in between
-    size_t worst = 0;  ///< that knot, where it is known
-  };
   /// What ends rays at nearly the same depth.
   struct Hit {
     double z;
@@ -108,22 +97,12 @@ class DeepPixels {
   void join_hits(std::span<const DeepRay> rays, size_t most);
   void make_knots(std::span<const std::vector<DeepPart>> pixels, size_t most);
   void add_up(std::span<const std::vector<DeepPart>> pixels);
-  size_t compare(size_t from, size_t to);
-  Piece piece(size_t from, size_t to);
-  Piece cuttable_piece(size_t from, size_t to);
-  float above_of(const Piece& piece);
-  bool is_empty(const Piece& piece) const;
-  void even_out();
-  void share_errors();
 
   std::vector<std::vector<DeepPart>> profiles_;
   std::vector<Hit> hits_;
   std::vector<std::pair<float, bool>> places_;  // depths of knots; whether a knot lies behind what is at its depth
-  std::vector<Knot> knots_;
-  std::vector<float> z_, left_, light_sums_;  // the knots', side by side for vectors
-  std::vector<float> above_, errors_;         // of a piece, at the knots inside
-  std::vector<Piece> pieces_;
-  std::vector<float> above_of_pieces_;
+  std::vector<DeepKnot> knots_;
+  DeepFit fit_;
 };
 
 /// The parts of all pixels of a picture, as its guides are marched. Of chromatic media each colour's are kept apart.

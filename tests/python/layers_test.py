@@ -68,6 +68,28 @@ class Files(Folder):
         self.assertEqual(brume.read(self.folder / "crop.exr").data_window, (3, 2, 11, 9))
         np.testing.assert_array_equal(crop["B"], whole["B"][2:9, 3:11])
 
+    def test_lights_of_other_renderers_are_mixed(self):
+        rng = np.random.default_rng(1)
+        parts = {name: rng.random((5, 7, 3)).astype(np.float32) for name in ("key", "rim", "rest")}
+        frame = brume.Layers({"V.Combined": sum(parts.values()), "V.Combined_key": parts["key"],
+                              "V.Combined_rim": parts["rim"], "V.Depth": np.ones((5, 7), np.float32)})
+        expected = parts["rest"] + 2 * parts["key"]
+        path = self.folder / "cycles.exr"
+        brume.write(path, frame)
+        for given in (frame, path, brume.read(path)):
+            mixed = brume.mix(given, gain={"key": 2, "rim": 0})
+            np.testing.assert_allclose(mixed.image(), expected, atol=1e-6)
+            np.testing.assert_allclose(mixed.image("V.Combined"), expected, atol=1e-6)
+        with self.assertRaisesRegex(brume.InputError, "fill"):
+            brume.mix(frame, gain={"fill": 2})
+        (self.folder / "map.toml").write_text('color = "V.Combined"\nlights = ["V.Combined_rim"]\n')
+        mixed = brume.mix(path, map=self.folder / "map.toml", gain={"V.Combined_rim": 0})
+        np.testing.assert_allclose(mixed.image(), parts["rest"] + parts["key"], atol=1e-6)
+        with self.assertRaisesRegex(brume.InputError, "map"):
+            brume.mix(frame, map="map.toml")
+        with self.assertRaisesRegex(brume.InputError, "light"):
+            brume.mix({"R": np.zeros((2, 2), np.float32)})
+
 
 class Views(unittest.TestCase):
     def test_channels_look_into_the_memory_of_the_frame(self):
