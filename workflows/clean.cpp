@@ -12,9 +12,9 @@
 #include "filters/api/requirements.h"
 #include "filters/inputs/features.h"
 #include "filters/inputs/guide_layers.h"
+#include "filters/run/clean_lights.h"
 #include "image/light_layers.h"
 #include "image/packed_plane.h"
-#include "workflows/clean_lights.h"
 #include "workflows/clean_parts.h"
 #include "workflows/error_curve.h"
 

@@ -8,10 +8,10 @@
 #include "base/error.h"
 #include "filters/api/registry.h"
 #include "filters/api/requirements.h"
+#include "filters/run/clean_lights.h"
 #include "image/cryptomatte.h"
 #include "image/exr_io.h"
 #include "image/light_layers.h"
-#include "workflows/clean_lights.h"
 #include "workflows/second_frame.h"
 #include "workflows/version.h"
 

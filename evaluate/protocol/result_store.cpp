@@ -14,6 +14,8 @@
 #include "base/text.h"
 #include "evaluate/protocol/external_filter.h"
 #include "filters/inputs/guide_layers.h"
+#include "filters/run/clean_lights.h"
+#include "image/light_layers.h"
 
 namespace brume {
 namespace {
@@ -77,16 +79,30 @@ class Deadline {
   std::thread watch_;
 };
 
-/// What is judged of a frame or clean picture.
+/// What is judged of a frame or clean picture, its light groups aside.
 constexpr LayerName kJudged[] = {layer::beauty, layer::direct, layer::indirect, layer::clean_direct,
                                  layer::clean_indirect};
 
-/// Those of some layers that a frame has.
-Layers only(std::span<const LayerName> names, const Layers& frame) {
+bool is_of(std::span<const LayerName> names, const std::string& channel) {
+  return std::any_of(names.begin(), names.end(), [&](const LayerName& name) {
+    const auto channels = name.channel_names();
+    return std::find(channels.begin(), channels.end(), channel) != channels.end();
+  });
+}
+
+/// Whether it is the light of a group, noisy or clean: light.NAME.R, clean_light.NAME.R.
+bool is_light_of_group(std::string_view channel) {
+  const std::string clean_prefix = clean_light_layer("");
+  const size_t prefix = channel.starts_with(kLightPrefix)   ? kLightPrefix.size()
+                        : channel.starts_with(clean_prefix) ? clean_prefix.size()
+                                                            : 0;
+  return prefix > 0 && std::count(channel.begin() + static_cast<ptrdiff_t>(prefix), channel.end(), '.') == 1;
+}
+
+Layers only(const Layers& frame, const std::function<bool(const std::string&)>& wanted) {
   Layers picture = frame.without_channels();
-  for (const LayerName& name : names)
-    if (frame.has(name))
-      for (const std::string& channel : name.channel_names()) picture.set(channel, frame.at(channel));
+  for (const auto& [channel, plane] : frame.channels())
+    if (wanted(channel)) picture.set(channel, plane);
   return picture;
 }
 
@@ -97,14 +113,11 @@ bool no_channel(const std::string&) {
 }
 
 bool is_judged(const std::string& channel) {
-  return std::any_of(std::begin(kJudged), std::end(kJudged), [&](const LayerName& name) {
-    const auto channels = name.channel_names();
-    return std::find(channels.begin(), channels.end(), channel) != channels.end();
-  });
+  return is_of(kJudged, channel) || is_light_of_group(channel);
 }
 
 Layers only_colours(const Layers& frame) {
-  return only({&layer::beauty, 1}, frame);
+  return only(frame, [](const std::string& channel) { return is_of({&layer::beauty, 1}, channel); });
 }
 
 Layers without_layers(const Layers& frame, const std::vector<std::string>& names) {
@@ -278,7 +291,10 @@ ResultStore::Cleaned ResultStore::clean(const FilterRun& run, const FilterInput&
   // The first run warms caches and threads, and finds its memory given back; slow filters do not notice.
   if (result.seconds < 1) apply();
   result.peak_bytes = peak;
-  result.picture = only(kJudged, result.picture);
+  // Each light group by itself, in no time or memory above; where direct light stays noisy, so would they.
+  if (!run.external && (run.filter->entry().parts || options.component != Component::kIndirect))
+    clean_lights(*run.filter, options, input, result.picture, task);
+  result.picture = only(result.picture, is_judged);
   if (!run.external) return result;
   const ExternalFilter& filter = *run.external->external;
   result.picture.header["filter"] = filter.kind;
@@ -386,7 +402,7 @@ double NoisyFrames::seconds(size_t seed, const Task& task) const {
 }
 
 Layers NoisyFrames::judged(size_t seed, const Task& task) const {
-  if (frames_.at(seed)) return only(kJudged, frames_[seed]->layers);
+  if (frames_.at(seed)) return only(frames_[seed]->layers, is_judged);
   return store_.frame(scene_, spp_, number(seed), data_, quiet(task), is_judged).layers;
 }
 

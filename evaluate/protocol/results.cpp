@@ -3,6 +3,8 @@
 #include <algorithm>
 #include <cctype>
 
+#include "image/light_layers.h"
+
 namespace brume {
 
 const char* tuning_name(Tuning tuning) {
@@ -25,6 +27,20 @@ std::vector<double> MethodResult::values(Region region, double Errors::*metric) 
   std::vector<double> list;
   for (const Errors& e : errors[static_cast<size_t>(region)]) list.push_back(e.*metric);
   return list;
+}
+
+std::vector<double> MethodResult::passes(Region region) const {
+  std::vector<double> sums;
+  size_t groups = 0;
+  for (const auto& [light, by_region] : lights) {
+    if (!light.starts_with(kLightPrefix)) continue;
+    const std::vector<double> group = values_of(by_region[static_cast<size_t>(region)], kLabRms);
+    sums.resize(group.size());
+    for (size_t seed = 0; seed < group.size(); ++seed) sums[seed] += group[seed];
+    ++groups;
+  }
+  for (double& sum : sums) sum /= static_cast<double>(groups);
+  return sums;
 }
 
 const MethodResult* SceneResult::find(const std::string& filter, Tuning tuning, int spp) const {

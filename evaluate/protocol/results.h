@@ -43,8 +43,8 @@ struct MethodResult {
   std::string command;                         ///< of a filter that is not brume's; empty: it is
   std::vector<std::string> edges;              ///< searched parameters that ended on the edge of their candidates
   RegionErrors errors;                         ///< of the picture; reference noise removed
-  std::map<std::string, RegionErrors> lights;  ///< of `direct` and `indirect`, where they are clean by themselves;
-                                               ///< single pixels' metrics alone
+  std::map<std::string, RegionErrors> lights;  ///< of `direct`, `indirect` and light groups, `light.NAME`, where they
+                                               ///< are clean by themselves; single pixels' metrics alone
   double render_seconds = 0, guide_seconds = 0, filter_seconds = 0;  ///< of a frame, median over the seeds
   std::optional<double> exchange_seconds =
       {};                             ///< of handing a frame to a filter that is not brume's, not in the above
@@ -67,6 +67,8 @@ struct MethodResult {
     return values_of(errors[static_cast<size_t>(by.region)], by.metric);
   }
   MeanInterval interval(Region region, double Errors::*metric) const { return mean_interval(values(region, metric)); }
+  /// Lab RMS of the light groups, in the mean, by seed; nothing where there are none.
+  std::vector<double> passes(Region region) const;
   /// Lab RMS.
   MeanInterval whole() const { return interval(Region::kFrame, &Errors::lab_rms); }
   MeanInterval medium() const { return interval(Region::kMedium, &Errors::lab_rms); }

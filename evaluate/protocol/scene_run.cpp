@@ -9,6 +9,7 @@
 
 #include "base/error.h"
 #include "evaluate/protocol/external_filter.h"
+#include "image/light_layers.h"
 
 namespace brume {
 namespace {
@@ -287,10 +288,15 @@ std::string SceneRun::errors_key(const std::string& picture_key) const {
 
 PictureErrors SceneRun::errors_of_picture(const Layers& picture, bool noisy, const Task& task) const {
   PictureErrors errors = {{"", errors_of_layer(picture, layer::beauty, layer::beauty, scope_, task)}};
-  for (const auto& [light, clean] : kJudgedLights) {
+  const auto judge = [&](const LayerName& light, const LayerName& clean) {
     const LayerName& own = noisy ? light : clean;
     if (picture.has(own) && references_.front().layers.has(light))
       errors[std::string(light.name)] = errors_of_layer(picture, own, light, ErrorScope::kPixels, task);
+  };
+  for (const auto& [light, clean] : kJudgedLights) judge(light, clean);
+  for (const std::string& group : light_groups_in(references_.front().layers)) {
+    const std::string light = light_layer(group), clean = clean_light_layer(group);
+    judge({light, layer::beauty.channels, ""}, {clean, layer::beauty.channels, ""});
   }
   return errors;
 }

@@ -43,8 +43,8 @@ std::vector<Table> report_tables(const Evaluation& e) {
   if (Table best = overall_winners(e); !best.rows.empty()) tables.push_back(std::move(best));
   for (const SceneResult& scene : e.scenes) tables.push_back(summary_table(scene, e));
   for (const SceneResult& scene : e.scenes) tables.push_back(scene_table(scene));
-  for (Table& table : std::vector<Table>{winners(e), claims(e), lights(e), sequences(e), pareto(e), time_to_error(e),
-                                         ablation(e), sensitivity(e), parameters(e), failures(e)})
+  for (Table& table : std::vector<Table>{winners(e), claims(e), passes(e), lights(e), sequences(e), pareto(e),
+                                         time_to_error(e), ablation(e), sensitivity(e), parameters(e), failures(e)})
     if (!table.rows.empty()) tables.push_back(std::move(table));
   return tables;
 }
@@ -93,13 +93,17 @@ std::string csv_report(const Evaluation& e) {
   Table table{
       "", "",
       columns(
-          "#scene | #spp | #method | #tuning | #lab_rms | #lab_rms_ci95 | #lab_rms_medium | #lab_rms_medium_ci95 | #rel_mse_medium | #bias_medium | #render_seconds | #guide_seconds | #filter_seconds | #peak_memory_bytes | #speed_up_equal_rms | #paper_rms | #paper_seconds | #parameters | #failed | #scene_hash")};
+          "#scene | #spp | #method | #tuning | #lab_rms | #lab_rms_ci95 | #lab_rms_medium | #lab_rms_medium_ci95 | #passes | #rel_mse_medium | #bias_medium | #render_seconds | #guide_seconds | #filter_seconds | #peak_memory_bytes | #speed_up_equal_rms | #paper_rms | #paper_seconds | #parameters | #failed | #scene_hash")};
   table.origin = origin(e);
   const auto number = [](double value) { return fmt::format("{:.6g}", value); };
   for (const SceneResult& scene : e.scenes)
     for (const MethodResult& m : scene.methods) {
       const auto paper = paper_numbers(scene.name, m.filter, m.spp);
       const auto measured = [&](double value) { return m.failed.empty() ? number(value) : ""; };
+      const auto passes = [&](const MethodResult& of) {
+        const std::vector<double> values = of.passes(Region::kFrame);
+        return values.empty() ? "" : measured(mean_interval(values).mean);
+      };
       const auto medium = [&](double value) { return scene.mask.empty() ? "" : measured(value); };
       table.rows.push_back({scene.name,
                             fmt::format("{}", m.spp),
@@ -109,6 +113,7 @@ std::string csv_report(const Evaluation& e) {
                             measured(m.whole().half_width),
                             medium(m.medium().mean),
                             medium(m.medium().half_width),
+                            m.lights.empty() ? "" : passes(m),
                             medium(m.interval(Region::kMedium, &Errors::rel_mse).mean),
                             medium(m.interval(Region::kMedium, &Errors::relative_bias).mean),
                             number(m.render_seconds),

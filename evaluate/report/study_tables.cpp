@@ -4,6 +4,7 @@
 
 #include "base/text.h"
 #include "evaluate/report/tables.h"
+#include "image/light_layers.h"
 
 namespace brume {
 namespace {
@@ -12,6 +13,10 @@ namespace {
 /// same under every setting.
 bool repeats_another(const MethodResult& m) {
   return !m.command.empty() && m.tuning != Tuning::kDefault;
+}
+
+bool is_judged_in_parts(const MethodResult& m) {
+  return m.lights.contains("direct") || m.lights.contains("indirect");
 }
 
 /// A line of a study: what was done to a method, its error, and how many times that of the method as it is.
@@ -51,6 +56,27 @@ Table sensitivity(const Evaluation& e) {
   return table;
 }
 
+Table passes(const Evaluation& e) {
+  Table table{
+      "Passes",
+      "Lab RMS of the whole frame, of the picture and of its light groups, each cleaned by itself so that they add up to the picture: their mean, and one by one.",
+      columns("scene | #spp | method | #picture | #passes | each")};
+  for (const SceneResult& scene : e.scenes)
+    for (const MethodResult& m : scene.methods) {
+      const std::vector<double> mean = m.passes(Region::kFrame);
+      if (mean.empty()) continue;
+      std::vector<std::string> each;
+      for (const auto& [light, errors] : m.lights)
+        if (light.starts_with(kLightPrefix))
+          each.push_back(
+              fmt::format("{} {:.3f}", light.substr(kLightPrefix.size()),
+                          mean_interval(values_of(errors[static_cast<size_t>(Region::kFrame)], kLabRms)).mean));
+      table.rows.push_back({scene.name, fmt::format("{}", m.spp), m.id(), interval(m.whole()),
+                            interval(mean_interval(mean)), join(each)});
+    }
+  return table;
+}
+
 Table lights(const Evaluation& e) {
   Table table{
       "Direct and indirect light by themselves",
@@ -58,12 +84,12 @@ Table lights(const Evaluation& e) {
       columns("scene | #spp | method | #picture | #direct | #indirect")};
   const bool filtered = std::any_of(e.scenes.begin(), e.scenes.end(), [](const SceneResult& scene) {
     return std::any_of(scene.methods.begin(), scene.methods.end(),
-                       [](const MethodResult& m) { return !m.filter.empty() && !m.lights.empty(); });
+                       [](const MethodResult& m) { return !m.filter.empty() && is_judged_in_parts(m); });
   });
   if (!filtered) return table;
   for (const SceneResult& scene : e.scenes)
     for (const MethodResult& m : scene.methods) {
-      if (m.lights.empty()) continue;
+      if (!is_judged_in_parts(m)) continue;
       const auto region = static_cast<size_t>(scene.mask.empty() ? Region::kFrame : Region::kMedium);
       const auto light = [&](const char* name) {
         const auto found = m.lights.find(name);

@@ -34,6 +34,9 @@ Table time_to_error(const Evaluation& evaluation);
 
 // What else was measured, and how.
 
+/// Light groups by themselves, where a scene has any.
+Table passes(const Evaluation& e);
+
 /// Direct and indirect light by themselves, where they are cleaned so.
 Table lights(const Evaluation& evaluation);
 Table sequences(const Evaluation& evaluation);

@@ -275,6 +275,42 @@ TEST_F(Experiments, DirectAndIndirectLightAreJudgedByThemselves) {
   }
 }
 
+TEST_F(Experiments, PassesOfLightGroupsAreCleanedAndJudged) {
+  std::string scene = test::read_file(folder_ / "cloud.toml");
+  const size_t light = scene.find("[[lights]]\n");
+  ASSERT_NE(light, std::string::npos);
+  scene.insert(light + 11, "group = \"key\"\n");
+  test::write_file(folder_ / "cloud.toml", scene);
+  const auto run = [&](const std::string& component) {
+    const auto r = run_brume(
+        command("--spp 4 --seeds 2 -f transport_regression -f gaussian --no-tuning --component " + component));
+    EXPECT_EQ(r.status, 0) << r.err;
+    const json written = results();
+    std::map<std::string, json> found;
+    for (const json& row : written["rows"])
+      if (row["region"] == "frame") found[row["method"]] = row.value("lights", json::object());
+    return found;
+  };
+  auto all = run("all");
+  const json noisy = all["noisy"], clean = all["transport_regression_default"];
+  double sum = 0;
+  for (const char* group : {"light.key", "light.rest"}) {
+    ASSERT_TRUE(noisy.contains(group) && clean.contains(group)) << noisy << clean;
+    EXPECT_TRUE(all["gaussian_default"].contains(group));
+    const double error = clean[group]["lab_rms"]["mean"].get<double>();
+    EXPECT_GT(error, 0);
+    EXPECT_LT(error, 0.5 * noisy[group]["lab_rms"]["mean"].get<double>()) << group;
+    sum += error;
+  }
+  // The column of tables is their mean.
+  EXPECT_TRUE(holds(test::read_file(folder_ / "out/table.md"), "## Passes"));
+  EXPECT_TRUE(holds(test::read_file(folder_ / "out/table.csv"), fmt::format(",{:.6g},", sum / 2)));
+  // Where direct light stays noisy, groups would, too.
+  auto indirect = run("indirect");
+  EXPECT_FALSE(indirect["gaussian_default"].contains("light.key"));
+  EXPECT_TRUE(indirect["transport_regression_default"].contains("light.key")) << "it cleans direct light by itself";
+}
+
 TEST_F(Experiments, SequencesAreJudgedByHowTheyFlicker) {
   const auto experiment = [&](const std::string& frames) {
     return "size = 24\nspp = [8]\nseeds = 2\nreference_spp = 64\nsearch = false\ncomponent = \"all\"\n"

@@ -263,7 +263,7 @@ function Matrix({ methods }: { methods: string[] }) {
   );
 }
 
-/** Direct and indirect light by themselves, in the metric that is looked at, or the first where that needs the picture. */
+/** Direct and indirect light and light groups by themselves, in the metric that is looked at, or the first where that needs the picture. */
 function Lights({ methods }: { methods: string[] }) {
   const { index, view, name } = usePage();
   const { scene, spp, region } = view;
@@ -277,10 +277,10 @@ function Lights({ methods }: { methods: string[] }) {
   const cell = (e: Estimate | undefined) => <td>{e ? `${number(e.mean)} ± ${number(e.half_width ?? 0)}` : "–"}</td>;
   return (
     <Section
-      title={`Direct and indirect light: ${metric.name}`}
-      note="Of the light scattered once and of the rest, each against the reference's own, where a method cleans them apart."
+      title={`Lights by themselves: ${metric.name}`}
+      note="Of the light scattered once and of the rest, and of each light group, against the reference's own, where a method cleans them apart."
     >
-      <ScrollTable label="Direct and indirect light" class="metrics lights" columns={["Method", "Picture", ...known]}>
+      <ScrollTable label="Lights by themselves" class="metrics lights" columns={["Method", "Picture", ...known]}>
         {rows.map((row) => (
           <tr key={row.method}>
             <th scope="row">{name(row.method)}</th>

@@ -1,4 +1,4 @@
-#include "workflows/clean_lights.h"
+#include "filters/run/clean_lights.h"
 
 #include <list>
 #include <set>
