@@ -95,7 +95,11 @@ class PixelSamples {
       if (parts_[i].left < (i == 0 ? 1 : parts_[i - 1].left)) last_cover = i;
     for (size_t i = 0; i < parts_.size(); ++i) {
       if (left_ <= 0) {  // nothing is seen behind: its light goes to what hides it
-        samples.back().colour += vec3(shares[i]);
+        vec3& colour = samples.back().colour;
+        for (int c = 0; c < 3; ++c) {
+          const double whole = static_cast<double>(colour[c]) + shares[i][c] / left_before_;
+          colour[c] = static_cast<float>(half_ ? as_half(whole) : whole);
+        }
         continue;
       }
       const DeepPart& part = parts_[i];
@@ -106,6 +110,7 @@ class PixelSamples {
       if (!last && alpha == 0 && colour == vec3(0)) continue;
       samples.push_back({part.z, part.z_back, static_cast<float>(alpha), colour});
       due_ -= left_ * dvec3(colour);
+      left_before_ = left_;
       left_ *= 1 - alpha;
     }
   }
@@ -136,8 +141,8 @@ class PixelSamples {
   const std::span<const DeepPart> parts_;
   const dvec3 light_;
   const bool half_;
-  double left_ = 1;
-  dvec3 due_{0};  // light that the samples have to show yet
+  double left_ = 1, left_before_ = 1;  // behind the last sample, and before it
+  dvec3 due_{0};                       // light that the samples have to show yet
 };
 
 Layers flattened_file(const DeepPicture& picture, const std::filesystem::path& path, float before) {

@@ -31,8 +31,9 @@ LayersPointer mix(const py::object& frame, const py::dict& gain, const py::dict&
   const std::string file = to_path(frame);
   LayersPointer mixed;
   run_work({}, 0, [&](const Work& work) {
+    const ExrFile opened(file);
     try {
-      mixed = std::make_shared<Layers>(mixed_frame(ExrFile(file), names, factors, host_of(work)));
+      mixed = std::make_shared<Layers>(mixed_frame(opened, names, factors, host_of(work)));
     } catch (const InputError& error) {
       throw InputError(fmt::format("{}: {}", file, error.what()));
     }

@@ -257,7 +257,8 @@ std::string passed_limit(const FilterRun& run, const FilterOutcome& outcome) {
 }  // namespace
 
 ResultStore::Cleaned ResultStore::clean(const FilterRun& run, const FilterInput& given,
-                                        const std::vector<NearbyInput>& nearby, const Task& task) {
+                                        const std::vector<NearbyInput>& nearby, const Task& task,
+                                        const Task& unlimited) {
   std::list<Layers> parts;  // of frames without what is left out
   const auto seen = [&](const Layers& whole) {
     return run.left_out.empty() ? &whole : &parts.emplace_back(without_layers(whole, run.left_out));
@@ -293,7 +294,7 @@ ResultStore::Cleaned ResultStore::clean(const FilterRun& run, const FilterInput&
   result.peak_bytes = peak;
   // Each light group by itself, in no time or memory above; where direct light stays noisy, so would they.
   if (!run.external && (run.filter->entry().parts || options.component != Component::kIndirect))
-    clean_lights(*run.filter, options, input, result.picture, task);
+    clean_lights(*run.filter, options, input, result.picture, unlimited);
   result.picture = only(result.picture, is_judged);
   if (!run.external) return result;
   const ExternalFilter& filter = *run.external->external;
@@ -336,7 +337,7 @@ FilterOutcome ResultStore::filter(const FilterRun& run, const FilterInput& given
     cache_.store_text(failure_key, outcome.failed);
   };
   try {
-    cleaned = clean(run, given, nearby, {task.threads, {}, deadline.cancel()});
+    cleaned = clean(run, given, nearby, {task.threads, {}, deadline.cancel()}, quiet(task));
     outcome.seconds = cleaned.seconds;
   } catch (const LimitPassed& error) {
     passes(error.what());

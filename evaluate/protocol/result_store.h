@@ -111,8 +111,9 @@ class ResultStore {
     std::optional<double> exchange_seconds = {}, peak_bytes = {};
   };
   /// Runs a filter on what it may see. @throws InputError when it fails; Interrupted
+  /// @param unlimited  for what is in no time of the filter's
   static Cleaned clean(const FilterRun& run, const FilterInput& given, const std::vector<NearbyInput>& nearby,
-                       const Task& task);
+                       const Task& task, const Task& unlimited);
   std::string machine() const;
 
   /// Counts an entry that lay in the cache before this run.

@@ -88,7 +88,8 @@ std::span<const DeepFit::Piece> DeepFit::pieces(float bound) {
     low_[i] = fast_log(std::max(std::max(knots_[i].left - bound, last), kNothing));
     high_[i] = fast_log(std::max(knots_[i].left + bound, kNothing));
   }
-  low_.back() = high_.back() = log_left_.back();
+  // What is behind the last of the medium changes nothing more.
+  for (size_t i = knots_.size(); i-- > 0 && knots_[i].left - last < kNothing;) low_[i] = high_[i] = log_left_.back();
   pieces_.clear();
   float log_left = 0;
   for (size_t from = 0; from + 1 < knots_.size();) {

@@ -188,7 +188,8 @@ std::vector<DeepPart> DeepPixels::mean(std::span<const std::vector<DeepPart>> pi
   for (const DeepFit::Piece& p : fit_.pieces(bound, most)) {
     const DeepKnot &a = knots_[p.from], &b = knots_[p.to];
     if (result.size() >= most) {  // more points than parts
-      result.back() = {result.back().z, b.z, p.left, result.back().light + b.light - a.light};
+      const DeepPart& last = result.back();
+      result.back() = {last.z, b.z, last.z < b.z ? std::max(p.left, kNothing) : p.left, last.light + b.light - a.light};
       continue;
     }
     result.push_back({a.z, b.z, a.z < b.z ? std::max(p.left, kNothing) : p.left, b.light - a.light});

@@ -64,10 +64,10 @@ double LatticePlanes::index(double at) const {
   return static_cast<double>(first[k]) + static_cast<double>(per_spacing[k]) * at;
 }
 
-Lattice Lattice::graded(const dvec3& lo, const dvec3& hi, std::span<const LatticeRegion> regions, double spacing,
-                        size_t most_nodes) {
+std::optional<Lattice> Lattice::graded(const dvec3& lo, const dvec3& hi, std::span<const LatticeRegion> regions,
+                                       double spacing, double widest, size_t most_nodes) {
   Lattice lattice;
-  for (double wider = 1;; wider *= 1.04) {
+  for (double wider = 1; wider * spacing <= widest * (1 + 1e-9); wider *= 1.04) {
     std::array<LatticePlanes, 3> planes;
     lattice.spacing = wider * spacing;
     double nodes = 1;
@@ -91,6 +91,7 @@ Lattice Lattice::graded(const dvec3& lo, const dvec3& hi, std::span<const Lattic
     lattice.planes = std::make_shared<const std::array<LatticePlanes, 3>>(std::move(planes));
     return lattice;
   }
+  return {};
 }
 
 Lattice Lattice::every_second() const {

@@ -3,6 +3,7 @@
 #include <array>
 #include <cstddef>
 #include <memory>
+#include <optional>
 #include <span>
 #include <vector>
 
@@ -67,8 +68,9 @@ struct Lattice {
   static Lattice over(const dvec3& lo, const dvec3& hi, double spacing, size_t most_nodes);
   /// One with planes that are as near to each other as regions want them, and ever farther apart around them.
   /// @param spacing  the least; all are wider where that would make too many nodes
-  static Lattice graded(const dvec3& lo, const dvec3& hi, std::span<const LatticeRegion> regions, double spacing,
-                        size_t most_nodes);
+  /// @param widest  spacing that is still wanted. @return nothing where that makes too many nodes
+  static std::optional<Lattice> graded(const dvec3& lo, const dvec3& hi, std::span<const LatticeRegion> regions,
+                                       double spacing, double widest, size_t most_nodes);
   /// Every second plane of a graded lattice.
   Lattice every_second() const;
 };

@@ -21,6 +21,7 @@ constexpr double kVoxelsPerNode = 2, kMostVoxelsPerNode = 4, kFreePathsPerNode =
 constexpr double kNodesPerPixel = 12, kFewestNodes = 2.5e5;
 constexpr double kMostNodes = 1e6, kMostNodesInDetail = 4e6;
 constexpr double kHomogeneousNodes = 12, kSurfaceNodes = 6;    // of a graded lattice across them, at least
+constexpr size_t kMostRegions = 256;                           // that are told apart
 constexpr double kGradedShare = 0.25, kMostGradedShare = 0.5;  // of the nodes of an even lattice that it has
 constexpr double kNegligible = 5e-3;                           // of all orders together, for the last one
 constexpr double kNegligibleTail = 1e-3;    // the same of what one more order changes in the sum of the last ones
@@ -37,13 +38,13 @@ dvec3 mean_emission(const GuideMedia& media, const dvec3& middle, const dvec3& s
   return 0.125 * sum;
 }
 
-/// Of what the media scatter, over a cube around a point.
-dvec3 mean_tint(const GuideMedia& media, const dvec3& middle, double size) {
+/// Of what the media scatter, over a box around a point.
+dvec3 mean_tint(const GuideMedia& media, const dvec3& middle, const dvec3& size) {
   MediaLine line(media, kGrey);
   dvec3 sum(0);
   double scattered = 0;
   for (int edge = 0; edge < 4; ++edge) {
-    line.follow({middle + 0.25 * size * dvec3(edge & 1 ? 1 : -1, edge & 2 ? 1 : -1, -1), {0, 0, 0.5 * size}});
+    line.follow({middle + 0.25 * size * dvec3(edge & 1 ? 1 : -1, edge & 2 ? 1 : -1, -1), {0, 0, 0.5 * size.z}});
     for (int end = 0; end < 2; ++end) {
       const GuideMedia::Point point = line.at(end);
       scattered += point.sigma_t * point.albedo;
@@ -73,6 +74,13 @@ double free_path(const GuideMedia& media, GuideColour colour, const Task& task) 
   return sum.y > 0 ? sum.x / sum.y : std::numeric_limits<double>::infinity();
 }
 
+LatticeRegion all_of(std::span<const LatticeRegion> regions) {
+  LatticeRegion all = regions.front();
+  for (const LatticeRegion& r : regions)
+    all = {glm::min(all.lo, r.lo), glm::max(all.hi, r.hi), std::min(all.spacing, r.spacing)};
+  return all;
+}
+
 /// What limits how far apart nodes are: grids, homogeneous media, emissions, surfaces and lamps.
 std::vector<LatticeRegion> lattice_regions(const GuideMedia& media, const Lights& lights, const Surfaces* surfaces,
                                            double spacing) {
@@ -100,7 +108,7 @@ std::vector<LatticeRegion> lattice_regions(const GuideMedia& media, const Lights
   }
   for (const FiniteLight* const lamp : lights.finite())
     if (const dvec3* const centre = lamp->centre()) add({centre, 1}, spacing, 1);
-  return regions;
+  return regions.size() > kMostRegions ? std::vector{all_of(regions)} : regions;
 }
 
 /// With wide cells where media of closed form reach far around the others: closer than an even lattice where it has far
@@ -111,11 +119,10 @@ std::optional<Lattice> graded_lattice(const GuideMedia& media, const Lights& lig
   const double nodes = static_cast<double>(even.n.x) * even.n.y * even.n.z;
   const auto graded = [&](double spacing, double share) {
     return Lattice::graded(media.lo(), media.hi(), lattice_regions(media, lights, surfaces, spacing), spacing,
-                           static_cast<size_t>(share * nodes));
+                           even.spacing, static_cast<size_t>(share * nodes));
   };
-  for (const Lattice& lattice : {graded(wanted, kGradedShare), graded(even.spacing, kMostGradedShare)})
-    if (lattice.spacing <= even.spacing * (1 + 1e-9)) return lattice;
-  return {};
+  const std::optional<Lattice> closer = graded(wanted, kGradedShare);
+  return closer ? closer : graded(even.spacing, kMostGradedShare);
 }
 
 /// The sum of all orders from one on, of a few that follow one another: weights of them that leave least of what the
@@ -217,9 +224,9 @@ LightFields::LightFields(const std::vector<GuideMedia>& times, const Lights& lig
     coarse.each_node([&](int x, int y, int z, size_t i) {
       const size_t at = ambient_light_->index(x, y, z);
       ambient_light_->extinctions()[at] = coarse.scaled_extinction()[i];
-      if (!node_tints_.empty()) node_tints_[at] = vec3(mean_tint(media, coarse_.node(x, y, z), coarse_.spacing));
-      if (media.emissions().empty()) return;
       const dvec3 cell = coarse_.spacing * coarse_.cell(x, y, z);
+      if (!node_tints_.empty()) node_tints_[at] = vec3(mean_tint(media, coarse_.node(x, y, z), cell));
+      if (media.emissions().empty()) return;
       const vec3 emission(mean_emission(media, coarse_.node(x, y, z), cell) * coarse_.spacing);
       ambient_light_->nodes()[at].emitted = {emission.x, emission.y, emission.z};
     });

@@ -21,19 +21,24 @@ namespace fs = std::filesystem;
 constexpr size_t kMostFrames = 256;  // of one volume at once: each has grids of its own
 
 /// What places must share to be of one volume; nothing where there is none.
-using Shown = std::tuple<bool, fs::path, fs::path, double, double>;
+using Shown = std::tuple<bool, fs::path, fs::path, double, double, double>;
 
 Shown shown(const VolumeSettings& v) {
   const VolumeMoment& m = v.moment;
-  if (m.none) return {true, {}, {}, 0, 0};
-  return {false, v.file, m.later ? m.later->file : fs::path(), m.later ? m.share : 0, m.rate};
+  if (m.none) return {true, {}, {}, 0, 0, 0};
+  const double detail = carries_detail(v) ? m.frame : 0;  // it moves on where files stay
+  return {false, v.file, m.later ? m.later->file : fs::path(), m.later ? m.share : 0, m.rate, detail};
 }
 
 /// The entries of one volume, taken apart by the frames that their places show.
 class Spread {
  public:
   Spread(Scene& scene, size_t volume, std::string matte)
-      : scene_(scene), volume_(volume), matte_(std::move(matte)), original_(scene.volumes[volume]) {}
+      : scene_(scene),
+        volume_(volume),
+        matte_(std::move(matte)),
+        original_(scene.volumes[volume]),
+        files_(frames_in_time(original_)) {}
 
   void add(InstanceSettings entry, InstanceList places, const std::string& name) {
     if (!original_.time.given)
@@ -66,14 +71,14 @@ class Spread {
     if (const auto known = by_offset_.find(offset); known != by_offset_.end()) return known->second;
     VolumeSettings v = original_;
     v.time.offset += offset;
-    set_in_time(v, scene_.render.frame, scene_.camera.shutter,
+    set_in_time(v, files_, scene_.render.frame, scene_.camera.shutter,
                 [&](const std::string&, const std::string& message, const std::string& expected) {
                   throw InputError(
                       fmt::format("{}: place {}, its time offset {}: {}; {}", name, place, offset, message, expected));
                 });
-    for (const auto& [key, file] : kVolumeFiles)
-      if (const fs::path& path = v.*file; !path.empty() && !v.moment.none) check_exists(path);
     const auto [at, fresh] = by_shown_.try_emplace(shown(v), scene_.volumes.size());
+    for (const auto& [key, file] : kVolumeFiles)
+      if (const fs::path& path = v.*file; fresh && !path.empty() && !v.moment.none) check_exists(path);
     if (fresh && by_shown_.size() > kMostFrames)
       throw InputError(fmt::format(
           "{}: its places show more than {} frames of their volume at once; expected at most that: between = \"nearest\" of its time shows those of files alone",
@@ -93,6 +98,7 @@ class Spread {
   const size_t volume_;
   const std::string matte_;
   const VolumeSettings original_;
+  const std::vector<int> files_;
   std::map<double, size_t> by_offset_;
   std::map<Shown, size_t> by_shown_;
 };

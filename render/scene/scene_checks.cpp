@@ -276,7 +276,7 @@ void set_frame(TomlTable& parser, VolumeSettings& v, const toml::value& table, c
     fail_at(fmt::format("'last' is {}, before first = {}", t.last, t.first), time.at("last"),
             "expected a frame after it");
   for (const auto& [key, file] : kVolumeFiles) v.moment.names[key] = parser.name_of_file(key);
-  set_in_time(v, scene.render.frame, scene.camera.shutter,
+  set_in_time(v, frames_in_time(v), scene.render.frame, scene.camera.shutter,
               [&](const std::string& key, const std::string& message, const std::string& expected) {
                 fail_at(message, table.at(key), expected);
               });

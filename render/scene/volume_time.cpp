@@ -77,7 +77,14 @@ std::optional<FilePlace> place_among_files(const SequencePlace& place, std::span
   return FilePlace{before, share > 0 ? *above : before, share, frames};
 }
 
-void set_in_time(VolumeSettings& v, int frame, const dvec2& shutter, const FailAtKey& fail) {
+std::vector<int> frames_in_time(const VolumeSettings& v) {
+  const auto file = v.moment.names.find("file");
+  const auto pattern = file == v.moment.names.end() ? std::nullopt : FramePattern::of(file->second);
+  return pattern ? pattern->frames_on_disk() : std::vector<int>();
+}
+
+void set_in_time(VolumeSettings& v, const std::vector<int>& files, int frame, const dvec2& shutter,
+                 const FailAtKey& fail) {
   const VolumeTime& t = v.time;
   const auto name = [&](const char* key) {
     const auto found = v.moment.names.find(key);
@@ -87,7 +94,6 @@ void set_in_time(VolumeSettings& v, int frame, const dvec2& shutter, const FailA
   if (!pattern)
     return fail("file", "'time' of a volume that is no sequence",
                 "expected a name with the place of its frame's number, such as \"smoke.####.vdb\"");
-  const std::vector<int> files = pattern->frames_on_disk();
   const std::string there = files_text(pattern->name(), files);
   if (files.empty()) return fail("file", "'file' names a sequence without files", there);
   const int first = t.first >= 0 ? t.first : files.front(), last = t.last >= 0 ? t.last : files.back();
@@ -96,6 +102,8 @@ void set_in_time(VolumeSettings& v, int frame, const dvec2& shutter, const FailA
                 there + "; expected others as first and last");
   v.moment.later = nullptr;
   v.moment.none = false;
+  v.moment.share = 0;
+  v.moment.frames = 1;
   const auto take = [&](VolumeSettings& volume, int number) {
     for (const auto& [key, file] : kVolumeFiles)
       if (const auto sequence = FramePattern::of(name(key))) volume.*file = sequence->path(number);

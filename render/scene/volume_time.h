@@ -46,8 +46,13 @@ inline constexpr VolumeFileKey kVolumeFiles[] = {{"file", &VolumeSettings::file}
 /// Ends with an error at a key of the volume or of its table `time`.
 using FailAtKey = std::function<void(const std::string& key, const std::string& message, const std::string& expected)>;
 
+/// The frames whose files there are, by the names in the volume's moment.
+std::vector<int> frames_in_time(const VolumeSettings& volume);
+
 /// Has a volume's files be those of the frame that its table `time` says, and sets its moment, whose names say where.
+/// @param files  as frames_in_time gives them
 /// @param frame, shutter  of the scene
-void set_in_time(VolumeSettings& volume, int frame, const dvec2& shutter, const FailAtKey& fail);
+void set_in_time(VolumeSettings& volume, const std::vector<int>& files, int frame, const dvec2& shutter,
+                 const FailAtKey& fail);
 
 }  // namespace brume

@@ -20,7 +20,7 @@ constexpr size_t kMany = 10000000;
 /// A box of 60 x 40 x 30 in which something of 6 x 6 x 6 wants nodes one apart, the rest nodes ten apart.
 Lattice graded() {
   const std::vector<LatticeRegion> regions = {{{20, 22, 12}, {26, 28, 18}, 1}, {{0, 0, 0}, {60, 40, 30}, 10}};
-  return Lattice::graded({0, 0, 0}, {60, 40, 30}, regions, 1, kMany);
+  return *Lattice::graded({0, 0, 0}, {60, 40, 30}, regions, 1, 1, kMany);
 }
 
 double sum_over_cells(const Lattice& lattice, const NodeValues& values) {
@@ -55,9 +55,15 @@ TEST(GradedLattice, IsAsCloseAsRegionsWantAndCoversTheBox) {
 
 TEST(GradedLattice, HasNoMoreNodesThanAllowed) {
   const std::vector<LatticeRegion> regions = {{{0, 0, 0}, {60, 40, 30}, 1}};
-  const Lattice lattice = Lattice::graded({0, 0, 0}, {60, 40, 30}, regions, 1, 5000);
+  const Lattice lattice = *Lattice::graded({0, 0, 0}, {60, 40, 30}, regions, 1, 10, 5000);
   EXPECT_LE(lattice.n.x * lattice.n.y * lattice.n.z, 5000);
   EXPECT_GT(lattice.n.x * lattice.n.y * lattice.n.z, 2500);
+}
+
+TEST(GradedLattice, IsNoneWhereTheWidestSpacingMakesTooManyNodes) {
+  const std::vector<LatticeRegion> regions = {{{0, 0, 0}, {60, 40, 30}, 1}};
+  EXPECT_FALSE(Lattice::graded({0, 0, 0}, {60, 40, 30}, regions, 1, 2, 5000));
+  EXPECT_FALSE(Lattice::graded({0, 0, 0}, {60, 40, 30}, regions, 1, 1e3, 100)) << "fewer than any has";
 }
 
 TEST(GradedLattice, FindsItsOwnNodesAndWhatLiesBetween) {
@@ -164,7 +170,7 @@ TEST(GradedSolver, HoldsAllOfTheMedia) {
   const BoxInHaze scene;
   const GuideMedia media(scene.media, {}, 0);
   const std::vector<LatticeRegion> regions = {{{-1, -1, -1}, {8, 8, 8}, 1}, {media.lo(), media.hi(), 6}};
-  const Lattice lattice = Lattice::graded(media.lo(), media.hi(), regions, 1, kMany);
+  const Lattice lattice = *Lattice::graded(media.lo(), media.hi(), regions, 1, 1, kMany);
   const ScatteringSolver fine(lattice, media, kGrey, {}), coarse(lattice.every_second(), fine, {});
   const double even =
       sum_over_cells(Lattice::over(media.lo(), media.hi(), 1, kMany),
@@ -178,7 +184,7 @@ TEST(GradedSolver, KeepsTheEnergyOfAnEvenSky) {
   const BoxInHaze scene;
   const GuideMedia media(scene.media, {}, 0);
   const std::vector<LatticeRegion> regions = {{{-1, -1, -1}, {8, 8, 8}, 1}, {media.lo(), media.hi(), 6}};
-  ScatteringSolver solver(Lattice::graded(media.lo(), media.hi(), regions, 1, kMany), media, kGrey, {});
+  ScatteringSolver solver(*Lattice::graded(media.lo(), media.hi(), regions, 1, 1, kMany), media, kGrey, {});
   const std::vector<double> sky(ScatteringSolver::directions().size(), 1.0);
   Radiance light = solver.entering(sky), sum = light;
   for (int order = 1; order < 80; ++order) {
