@@ -276,6 +276,12 @@ def write_whole(target, grids, vdb):
     partial = target.with_name(f".{target.stem}.{os.getpid()}.partial.vdb")
     try:
         vdb.write(str(partial), grids=grids)
+        # OpenVDB says nothing of a disk that is full; what it reads at once, not when it is used, shows it.
+        os.environ["OPENVDB_DISABLE_DELAYED_LOAD"] = "1"
+        try:
+            vdb.readAll(str(partial))
+        except (OSError, RuntimeError, LookupError) as error:
+            raise Problem(f"cannot write {target} whole ({error}); expected space for it on its disk")
         os.replace(partial, target)
     finally:
         partial.unlink(missing_ok=True)

@@ -4,6 +4,7 @@ import base64
 import importlib.util
 import lzma
 import os
+import resource
 import subprocess
 import sys
 import unittest
@@ -202,6 +203,17 @@ class ImageDataOfVtk(Folder):
         (out / "smoke.vdb").mkdir(parents=True)  # no file can take its name
         self.convert(self.folder / "a/smoke.vti", "-o", out, fails=True)
         self.assertEqual([path.name for path in out.iterdir()], ["smoke.vdb"])
+
+    def test_a_full_disk_leaves_the_file_that_was_there(self):
+        (self.folder / "smoke.vti").write_bytes(image({"rho": self.density}, "raw"))
+        (self.folder / "smoke.vdb").write_bytes(b"old")
+        for most in (0, 400):
+            ran = subprocess.run([sys.executable, SCRIPT, self.folder / "smoke.vti"], capture_output=True, text=True,
+                                 preexec_fn=lambda: resource.setrlimit(resource.RLIMIT_FSIZE, (most, most)))
+            self.assertEqual(ran.returncode, 2, ran.stderr)
+            self.assertIn("expected space for it", ran.stderr)
+            self.assertEqual((self.folder / "smoke.vdb").read_bytes(), b"old")
+            self.assertEqual(sorted(path.name for path in self.folder.iterdir()), ["smoke.vdb", "smoke.vti"])
 
 
 if __name__ == "__main__":
