@@ -138,8 +138,8 @@ class Image:
         self.path = path
         self.extent = extent_of(path, top, "WholeExtent")
         if (self.extent[:, 1] < self.extent[:, 0]).any():
-            raise Problem(f"{path}: has WholeExtent=\"{text_of(self.extent)}\", expected no number below the one before "
-                          "it on its axis")
+            raise Problem(f"{path}: has WholeExtent=\"{text_of(self.extent)}\", expected no number below the one "
+                          "before it on its axis")
         self.origin = numbers(path, top, "Origin", "0 0 0")
         self.spacing = numbers(path, top, "Spacing", "1 1 1")
         self.direction = numbers(path, top, "Direction", "1 0 0 0 1 0 0 0 1").reshape(3, 3)
@@ -312,8 +312,8 @@ def main():
         if output:
             target = output if output.suffix == ".vdb" else output / target.name
         if target in targets:
-            parser.exit(2, f"vti_to_vdb: {targets[target]} and {path} would both be written as {target}; expected inputs "
-                           "of different names\n")
+            parser.exit(2, f"vti_to_vdb: {targets[target]} and {path} would both be written as {target}; expected "
+                           "inputs of different names\n")
         targets[target] = path
     for target, path in targets.items():
         try:
