@@ -14,6 +14,8 @@ appended data are read, raw or base64, without compression or compressed by zlib
 import argparse
 import base64
 import lzma
+import math
+import os
 import pathlib
 import sys
 import xml.etree.ElementTree
@@ -24,6 +26,7 @@ import numpy as np
 TYPES = {"Float32": "f4", "Float64": "f8", "Int8": "i1", "UInt8": "u1", "Int16": "i2", "UInt16": "u2", "Int32": "i4",
          "UInt32": "u4", "Int64": "i8", "UInt64": "u8"}
 UNPACK = {"": None, "vtkZLibDataCompressor": zlib.decompress, "vtkLZMADataCompressor": lzma.decompress}
+MOST = 2**31 - 1  # the largest index of OpenVDB
 
 
 class Problem(Exception):
@@ -49,12 +52,15 @@ class Blocks:
             text = text[:start - 1] + text[end:]
         try:
             self.root = xml.etree.ElementTree.fromstring(text)
-        except xml.etree.ElementTree.ParseError as error:
+        except (xml.etree.ElementTree.ParseError, ValueError, LookupError) as error:
             raise Problem(f"{path}: is no XML of VTK ({error})")
         if self.root.tag != "VTKFile":
             raise Problem(f"{path}: begins with <{self.root.tag}>, expected <VTKFile>")
         self.order = "<" if self.root.get("byte_order", "LittleEndian") == "LittleEndian" else ">"
-        self.header = np.dtype(self.order + TYPES[self.root.get("header_type", "UInt32")])
+        header = self.root.get("header_type", "UInt32")
+        if header not in ("UInt32", "UInt64"):
+            raise Problem(f"{path}: has header_type=\"{header}\", expected UInt32 or UInt64")
+        self.header = np.dtype(self.order + TYPES[header])
         compressor = self.root.get("compressor", "")
         if compressor not in UNPACK:
             known = ", ".join(name for name in UNPACK if name)
@@ -76,8 +82,8 @@ class Blocks:
                 data = self.appended[int(array.get("offset")):]
                 values = self.uncovered(data, self.order + TYPES[kind]) if self.raw else self.decoded(
                     data, self.order + TYPES[kind])
-        except (ValueError, TypeError, zlib.error, lzma.LZMAError) as error:
-            raise Problem(f"{self.path}: array '{name}' cannot be read ({error})")
+        except (ValueError, TypeError, IndexError, OverflowError, EOFError, zlib.error, lzma.LZMAError) as error:
+            raise Problem(f"{self.path}: array '{name}' cannot be read ({error}), expected {count} numbers")
         if values.size != count:
             raise Problem(f"{self.path}: array '{name}' holds {values.size} numbers, expected {count}")
         return values
@@ -127,34 +133,77 @@ class Image:
         if kind not in ("ImageData", "PImageData"):
             raise Problem(f"{path}: is {kind}, expected ImageData: a grid of equal cells")
         top = blocks.root.find(kind)
-        self.extent = extent_of(top, "WholeExtent")
-        self.origin = numbers(top, "Origin", "0 0 0")
-        self.spacing = numbers(top, "Spacing", "1 1 1")
-        self.direction = numbers(top, "Direction", "1 0 0 0 1 0 0 0 1").reshape(3, 3)
+        if top is None:
+            raise Problem(f"{path}: has no <{kind}>, expected one in its <VTKFile>")
+        self.path = path
+        self.extent = extent_of(path, top, "WholeExtent")
+        if (self.extent[:, 1] < self.extent[:, 0]).any():
+            raise Problem(f"{path}: has WholeExtent=\"{text_of(self.extent)}\", expected no number below the one "
+                          "before it on its axis")
+        self.origin = numbers(path, top, "Origin", "0 0 0")
+        self.spacing = numbers(path, top, "Spacing", "1 1 1")
+        self.direction = numbers(path, top, "Direction", "1 0 0 0 1 0 0 0 1").reshape(3, 3)
         if not (self.spacing > 0).all():
             raise Problem(f"{path}: its spacing is {self.spacing}, expected lengths above 0")
+        if abs(np.linalg.det(self.direction)) < 1e-6:
+            raise Problem(f"{path}: has Direction=\"{top.get('Direction')}\", expected axes that span a space")
         self.arrays = {}  # name: values, and whether they are the cells'
         for piece in top.findall("Piece"):
             if kind == "ImageData":
-                self.add(blocks, piece, extent_of(piece, "Extent"))
+                self.add(blocks, piece)
                 continue
-            part = Blocks(path.parent / piece.get("Source"))
-            for own in part.root.find("ImageData").findall("Piece"):
-                self.add(part, own, extent_of(own, "Extent"))
+            source = piece.get("Source")
+            if not source:
+                raise Problem(f"{path}: a <Piece> has no Source, expected the name of a .vti")
+            if not (path.parent / source).is_file():
+                raise Problem(f"{path}: a <Piece> has Source=\"{source}\", expected a file that is there")
+            part = Blocks(path.parent / source)
+            image = part.root.find("ImageData")
+            if image is None:
+                raise Problem(f"{part.path}: has no <ImageData>, expected one: it is a piece of {path}")
+            for own in image.findall("Piece"):
+                self.add(part, own)
         if not self.arrays:
             raise Problem(f"{path}: holds no arrays")
 
-    def add(self, blocks, piece, extent):
+    def add(self, blocks, piece):
+        extent = extent_of(blocks.path, piece, "Extent")
+        if (extent[:, 1] < extent[:, 0]).any():
+            return  # VTK writes empty pieces where it has more processes than work
+        if (extent[:, 0] < self.extent[:, 0]).any() or (extent[:, 1] > self.extent[:, 1]).any():
+            raise Problem(f"{blocks.path}: a <Piece> has Extent=\"{text_of(extent)}\", expected it inside of "
+                          f"WholeExtent=\"{text_of(self.extent)}\"")
         for tag, cells in (("PointData", 0), ("CellData", 1)):
             for array in piece.findall(f"{tag}/DataArray"):
-                parts = int(array.get("NumberOfComponents", "1"))
-                sizes = extent[:, 1] - extent[:, 0] + 1 - cells
-                values = blocks.values(array, int(sizes.prod()) * parts)
+                name, given = array.get("Name", tag), array.get("NumberOfComponents", "1")
+                if not given.isdecimal() or int(given) == 0:
+                    raise Problem(f"{blocks.path}: array '{name}' has NumberOfComponents=\"{given}\", expected a whole "
+                                  "number above 0")
+                parts = int(given)
+                sizes = sizes_of(extent, cells)
+                values = blocks.values(array, math.prod(sizes) * parts)
                 values = values.reshape(sizes[2], sizes[1], sizes[0], parts).transpose(2, 1, 0, 3)
-                name, whole = array.get("Name", tag), self.extent[:, 1] - self.extent[:, 0] + 1 - cells
-                into = self.arrays.setdefault(name, (np.zeros((*whole, parts), np.float32), cells))[0]
+                if name not in self.arrays:
+                    self.arrays[name] = self.zeros(name, cells, parts), cells
+                into, others = self.arrays[name]
+                if into.shape[3] != parts:
+                    raise Problem(f"{blocks.path}: array '{name}' has NumberOfComponents=\"{parts}\", expected "
+                                  f"{into.shape[3]} as in what came before")
+                if others != cells:
+                    raise Problem(f"{blocks.path}: array '{name}' is of points and of cells, expected one of them")
                 lo = extent[:, 0] - self.extent[:, 0]
                 into[lo[0]:lo[0] + sizes[0], lo[1]:lo[1] + sizes[1], lo[2]:lo[2] + sizes[2]] = values
+
+    def zeros(self, name, cells, parts):
+        whole = sizes_of(self.extent, cells)
+        need, have = math.prod(whole) * parts * 4, os.sysconf("SC_PAGE_SIZE") * os.sysconf("SC_PHYS_PAGES")
+        try:
+            if need > have:
+                raise MemoryError  # the system may grant it all the same, and end this program when it is used
+            return np.zeros((*whole, parts), np.float32)
+        except MemoryError:
+            raise Problem(f"{self.path}: array '{name}' takes {need} bytes by WholeExtent=\"{text_of(self.extent)}\", "
+                          f"expected at most the memory of this machine, {have}")
 
     def world_from_index(self, cells):
         """Rows of OpenVDB's matrix: points are rows there."""
@@ -165,15 +214,35 @@ class Image:
         return matrix
 
 
-def numbers(element, key, default):
-    return np.array(element.get(key, default).split(), dtype=float)
+def numbers(path, element, key, default):
+    given, count = element.get(key, default), len(default.split())
+    try:
+        found = np.array(given.split(), dtype=float)
+    except ValueError:
+        found = np.empty(0)
+    if found.size != count or not np.isfinite(found).all():
+        raise Problem(f"{path}: <{element.tag}> has {key}=\"{given}\", expected {count} numbers")
+    return found
 
 
-def extent_of(element, key):
-    given = element.get(key, "").split()
-    if len(given) != 6:
-        raise Problem(f"<{element.tag}> has {key}=\"{' '.join(given)}\", expected six whole numbers")
-    return np.array(given, dtype=int).reshape(3, 2)
+def extent_of(path, element, key):
+    given = element.get(key, "")
+    try:
+        extent = np.array([int(word) for word in given.split()], dtype=np.int64)
+    except (ValueError, OverflowError):
+        extent = np.empty(0)
+    if extent.size != 6 or (np.abs(extent) > MOST).any():
+        raise Problem(f"{path}: <{element.tag}> has {key}=\"{given}\", expected six whole numbers")
+    return extent.reshape(3, 2)
+
+
+def text_of(extent):
+    return " ".join(map(str, extent.ravel()))
+
+
+def sizes_of(extent, cells):
+    """How many values stand along each axis, as Python's integers, which do not overflow."""
+    return [int(size) + 1 - cells for size in extent[:, 1] - extent[:, 0]]
 
 
 def grids_of(image, names, zero, vdb):
@@ -201,6 +270,23 @@ def grids_of(image, names, zero, vdb):
     return grids, notes
 
 
+def write_whole(target, grids, vdb):
+    """The file appears under its name once all of it is written."""
+    target.parent.mkdir(parents=True, exist_ok=True)
+    partial = target.with_name(f".{target.stem}.{os.getpid()}.partial.vdb")
+    try:
+        vdb.write(str(partial), grids=grids)
+        # OpenVDB says nothing of a disk that is full; what it reads at once, not when it is used, shows it.
+        os.environ["OPENVDB_DISABLE_DELAYED_LOAD"] = "1"
+        try:
+            vdb.readAll(str(partial))
+        except (OSError, RuntimeError, LookupError) as error:
+            raise Problem(f"cannot write {target} whole ({error}); expected space for it on its disk")
+        os.replace(partial, target)
+    finally:
+        partial.unlink(missing_ok=True)
+
+
 def main():
     parser = argparse.ArgumentParser(description=__doc__, formatter_class=argparse.RawDescriptionHelpFormatter)
     parser.add_argument("file", nargs="+", type=pathlib.Path, help=".vti or .pvti")
@@ -220,11 +306,17 @@ def main():
     output = options.output
     if output and output.suffix == ".vdb" and len(options.file) > 1:
         parser.exit(2, f"vti_to_vdb: {output} is one file, of {len(options.file)}; expected a folder\n")
+    targets = {}  # target: its input
     for path in options.file:
+        target = path.with_suffix(".vdb")
+        if output:
+            target = output if output.suffix == ".vdb" else output / target.name
+        if target in targets:
+            parser.exit(2, f"vti_to_vdb: {targets[target]} and {path} would both be written as {target}; expected "
+                           "inputs of different names\n")
+        targets[target] = path
+    for target, path in targets.items():
         try:
-            target = path.with_suffix(".vdb")
-            if output:
-                target = output if output.suffix == ".vdb" else output / target.name
             if not path.is_file():
                 raise Problem(f"{path}: no such file")
             grids, notes = grids_of(Image(path), names, options.zero, vdb)
@@ -232,12 +324,13 @@ def main():
                 print(f"vti_to_vdb: {path}: {note}", file=sys.stderr)
             if not grids:
                 raise Problem(f"{path}: holds no array of 1 or 3 components")
-            target.parent.mkdir(parents=True, exist_ok=True)
-            vdb.write(str(target), grids=grids)
+            write_whole(target, grids, vdb)
             print(target)
         except Problem as problem:
             text = str(problem)
             parser.exit(2, f"vti_to_vdb: {text if text.startswith(str(path)) else f'{path}: {text}'}\n")
+        except MemoryError as error:
+            parser.exit(2, f"vti_to_vdb: {path}: takes more memory than there is ({error})\n")
         except OSError as error:
             parser.exit(2, f"vti_to_vdb: {error}\n")
 

@@ -25,19 +25,25 @@ namespace {
 
 namespace fs = std::filesystem;
 
-constexpr size_t kMost = 1 << 22;  // places of one entry: about 350 bytes each
+constexpr size_t kMost = 1 << 22;  // places of one entry
 
 [[noreturn]] void fail_for_count(const std::string& name, size_t count) {
   throw InputError(fmt::format("{}: {} places; expected at most {}", name, count, kMost));
 }
 
+/// A word of a column that has text.
+struct Text {
+  std::string word;  ///< in quotes
+  size_t row = 0;
+};
+
 /// Numbers in named columns.
 struct Table {
   std::vector<std::string> columns;
-  std::vector<double> values;           ///< row by row; not a number where there is text
-  std::string row_name;                 ///< "line" or "point"
-  std::vector<size_t> rows_at;          ///< what each row is counted as; empty: from 1
-  std::vector<std::string> first_text;  ///< of each column; empty where there are numbers alone
+  std::vector<double> values;                   ///< row by row; not a number where there is text
+  std::string row_name;                         ///< "line" or "point"
+  std::vector<size_t> rows_at;                  ///< what each row is counted as; empty: from 1
+  std::vector<std::optional<Text>> first_text;  ///< of each column; none where there are numbers alone
 
   size_t rows() const { return columns.empty() ? 0 : values.size() / columns.size(); }
   size_t row_number(size_t row) const { return rows_at.empty() ? row + 1 : rows_at[row]; }
@@ -45,14 +51,28 @@ struct Table {
 
 /// What stands between the columns of a line; a space where they have any number of these.
 char separator_of(const std::string& line) {
-  for (const char c : {',', ';', '\t'})
-    if (line.find(c) != std::string::npos) return c;
+  for (const char separator : {',', ';', '\t'}) {
+    bool inside_quotes = false;
+    for (const char c : line) {
+      if (c == '"') inside_quotes = !inside_quotes;
+      if (c == separator && !inside_quotes) return separator;
+    }
+  }
   return ' ';
 }
 
+/// Separators inside double quotes are part of a word.
 std::vector<std::string> words_of(const std::string& line, char separator) {
-  std::vector<std::string> words = split(line, separator);
-  for (std::string& word : words) std::erase_if(word, [](char c) { return c == ' ' || c == '\t' || c == '"'; });
+  std::vector<std::string> words(1);
+  bool inside_quotes = false;
+  for (const char c : line) {
+    if (c == '"')
+      inside_quotes = !inside_quotes;
+    else if (!inside_quotes && (c == separator || (separator == ' ' && c == '\t')))
+      words.emplace_back();
+    else if (c != ' ' && c != '\t')
+      words.back() += c;
+  }
   if (separator == ' ') std::erase(words, "");
   return words;
 }
@@ -63,7 +83,20 @@ std::optional<double> number_in(std::string word, char separator) {
   return to_number(word);
 }
 
-/// Blank lines and those that begin with # hold nothing.
+/// The names of a table whose first line that is no comment has numbers alone: those of the last comment before it.
+std::vector<std::string> names_in_comment(const fs::path& path, size_t number, size_t columns, char separator,
+                                          const std::string& comment) {
+  const size_t begin = comment.find_first_not_of("# \t");
+  if (begin != std::string::npos) {
+    const std::string names = comment.substr(begin);
+    for (const char between : {separator, separator_of(names)})
+      if (std::vector<std::string> words = words_of(names, between); words.size() == columns) return words;
+  }
+  throw InputError(fmt::format("{}: line {} has numbers alone; expected a line of {} names before it, as x, y, z",
+                               path.string(), number, columns));
+}
+
+/// Blank lines and those that begin with # hold nothing, but for a line of names that begins with #.
 Table read_csv(const fs::path& path) {
   const std::string bytes = read_whole(path);
   const auto lines = static_cast<size_t>(std::count(bytes.begin(), bytes.end(), '\n'));
@@ -71,6 +104,7 @@ Table read_csv(const fs::path& path) {
   Table table{{}, {}, "line", {}, {}};
   size_t number = 0, at = 0;
   char separator = ',';
+  std::string comment;
   while (at < bytes.size()) {
     const size_t end = std::min(bytes.find('\n', at), bytes.size());
     std::string line = bytes.substr(at, end - at);
@@ -79,12 +113,18 @@ Table read_csv(const fs::path& path) {
     if (number == 1 && line.starts_with("\xef\xbb\xbf")) line.erase(0, 3);
     if (line.ends_with('\r')) line.pop_back();
     const size_t begin = line.find_first_not_of(" \t");
-    if (begin == std::string::npos || line[begin] == '#') continue;
+    if (begin == std::string::npos) continue;
+    if (line[begin] == '#') {
+      comment = line.substr(begin);
+      continue;
+    }
     if (table.columns.empty()) {
       separator = separator_of(line);
       table.columns = words_of(line, separator);
       table.first_text.resize(table.columns.size());
-      continue;
+      const auto is_number = [&](const std::string& word) { return number_in(word, separator).has_value(); };
+      if (!std::all_of(table.columns.begin(), table.columns.end(), is_number)) continue;
+      table.columns = names_in_comment(path, number, table.columns.size(), separator, comment);
     }
     const std::vector<std::string> words = words_of(line, separator);
     if (words.size() != table.columns.size())
@@ -92,7 +132,8 @@ Table read_csv(const fs::path& path) {
                                    path.string(), number, words.size(), table.columns.size()));
     for (size_t c = 0; c < words.size(); ++c) {
       const std::optional<double> value = number_in(words[c], separator);
-      if (!value && table.first_text[c].empty()) table.first_text[c] = "'" + words[c].substr(0, 30) + "'";
+      if (!value && !table.first_text[c])
+        table.first_text[c] = {"'" + words[c].substr(0, 30) + "'", table.rows_at.size()};
       table.values.push_back(value.value_or(std::numeric_limits<double>::quiet_NaN()));
     }
     table.rows_at.push_back(number);
@@ -102,7 +143,7 @@ Table read_csv(const fs::path& path) {
 
 Table read_points(const fs::path& path) {
   PlyPoints points = read_ply_points(path, kMost);
-  std::vector<std::string> no_text(points.names.size());
+  std::vector<std::optional<Text>> no_text(points.names.size());
   return {std::move(points.names), std::move(points.values), "point", {}, std::move(no_text)};
 }
 
@@ -124,7 +165,8 @@ class Columns {
       if (const int place = find(fmt::format("m{}{}", i / 4, i % 4)); place >= 0) matrix_.push_back(place);
     if (!matrix_.empty() && matrix_.size() < 12) fail("some of m00 .. m23", "all twelve: three rows of a matrix");
     if (matrix_.empty() && position_.empty()) fail("no place", "x, y, z, or m00 .. m23");
-    if (const auto n = vector({"n", "normal"}, 3), up = vector({"up"}, 3); !n.empty() && !up.empty()) n_ = n, up_ = up;
+    if (const auto n = whole_vector({"n", "normal"}), up = whole_vector({"up"}); !n.empty() && !up.empty())
+      n_ = n, up_ = up;
     orient_ = vector({"orient", "orientation", "rot", "rotation", "quaternion", "quat"}, 4);
     scales_ = vector({"scale"}, 3);
     scale_ = find("scale");
@@ -138,9 +180,9 @@ class Columns {
     const double* const values = table_.values.data() + row * table_.columns.size();
     const auto at = [&](int place) {
       const double value = values[place];
-      if (const std::string& text = table_.first_text[static_cast<size_t>(place)]; std::isnan(value) && !text.empty())
+      if (const auto& text = table_.first_text[static_cast<size_t>(place)]; text && text->row == row)
         throw InputError(fmt::format("{}: {} {}, column '{}': {} is no number", path_.string(), table_.row_name,
-                                     table_.row_number(row), table_.columns[static_cast<size_t>(place)], text));
+                                     table_.row_number(row), table_.columns[static_cast<size_t>(place)], text->word));
       if (!std::isfinite(value)) fail_in(row, table_.columns[static_cast<size_t>(place)], value, "a finite number");
       return value;
     };
@@ -204,19 +246,31 @@ class Columns {
     const auto found = std::find(names_.begin(), names_.end(), name);
     return found == names_.end() ? -1 : static_cast<int>(found - names_.begin());
   }
+  /// The columns of a vector of this name that are there.
+  std::vector<int> parts_of(const std::string& name, std::string_view ends) const {
+    std::vector<int> places;
+    for (const char end : ends)
+      if (const int place = find(name + end); place >= 0) places.push_back(place);
+    return places;
+  }
   /// The columns of a vector under the first of its names that is there: x, y, z, w, or r, g, b, or 0, 1, 2, 3.
   std::vector<int> vector(std::initializer_list<const char*> names, size_t length) const {
     for (const std::string name : names)
       for (const std::string_view ends : {"xyzw", "rgba", "0123"}) {
-        std::vector<int> places;
         if (name.empty() && ends != "xyzw") continue;
-        for (size_t k = 0; k < length; ++k)
-          if (const int place = find(name + ends[k]); place >= 0) places.push_back(place);
+        std::vector<int> places = parts_of(name, ends.substr(0, length));
         if (places.size() == length) return places;
         if (!places.empty() && !name.empty())
           fail(fmt::format("{} parts of '{}'", places.size(), name),
                fmt::format("{}: {}", length, length == 4 ? "a quaternion, x, y, z, w" : "one for each axis"));
       }
+    return {};
+  }
+  /// The same of one for each axis, where columns as "nx" or "n0" alone mean something else.
+  std::vector<int> whole_vector(std::initializer_list<const char*> names) const {
+    for (const std::string name : names)
+      for (const std::string_view ends : {"xyz", "012"})
+        if (std::vector<int> places = parts_of(name, ends); places.size() == 3) return places;
     return {};
   }
 

@@ -4,6 +4,7 @@ import base64
 import importlib.util
 import lzma
 import os
+import resource
 import subprocess
 import sys
 import unittest
@@ -150,6 +151,69 @@ class ImageDataOfVtk(Folder):
                       said(right.replace(b"header_type", b'compressor="vtkLZ4DataCompressor" header_type')))
         self.assertIn("is UnstructuredGrid, expected ImageData", said(right.replace(b'"ImageData"', b'"UnstructuredGrid"')))
         self.assertIn("no such file", self.convert(self.folder / "none.vti", fails=True))
+
+        def changed(old, new, expected):
+            self.assertIn(old, right)
+            path = self.folder / "wrong.vti"
+            path.write_bytes(right.replace(old, new))
+            with self.assertRaises(script.Problem) as raised:
+                script.Image(path)
+            self.assertTrue(str(raised.exception).startswith(f"{path}: "), raised.exception)
+            self.assertIn(expected, str(raised.exception))
+
+        self.assertIn('header_type="Foo", expected UInt32', said(right.replace(b'"UInt32"', b'"Foo"')))
+        changed(b'"UInt32"', b'"Foo"', 'header_type="Foo", expected UInt32 or UInt64')
+        changed(b' Extent="0 4 0', b' Extent="0 x 0', '<Piece> has Extent="0 x 0 3 0 2", expected six whole numbers')
+        changed(b' Extent="0 4 0', b' Extent="1 5 0',
+                'Extent="1 5 0 3 0 2", expected it inside of WholeExtent="0 4 0 3 0 2"')
+        changed(b'WholeExtent="0 4', b'WholeExtent="0 99999999999', "expected six whole numbers")
+        changed(b'WholeExtent="0 4 0 3', b'WholeExtent="0 999999999 0 999999999', "the memory of this machine")
+        changed(b'WholeExtent="0 4', b'WholeExtent="4 0', "expected no number below the one before")
+        changed(b'Origin="1.0 2.0 3.0"', b'Origin="0 0 a"', 'has Origin="0 0 a", expected 3 numbers')
+        changed(b'Origin="1.0 2.0 3.0"', b'Origin="0 0"', 'has Origin="0 0", expected 3 numbers')
+        changed(b"Origin=", b'Direction="1 0 0 0 1 0" Origin=', "expected 9 numbers")
+        changed(b"Origin=", b'Direction="1 0 0 0 1 0 0 0 0" Origin=', "expected axes that span a space")
+        changed(b'NumberOfComponents="1"', b'NumberOfComponents="one"', "expected a whole number above 0")
+
+    def test_what_is_wrong_with_pieces_is_said(self):
+        def said(*pieces):
+            listed = "".join(f'<Piece Extent="0 4 0 3 0 2" {piece}/>' for piece in pieces)
+            (self.folder / "all.pvti").write_text(f'<VTKFile type="PImageData"><PImageData WholeExtent="0 4 0 3 0 2">'
+                                                  f'{listed}</PImageData></VTKFile>')
+            return self.convert(self.folder / "all.pvti", fails=True)
+
+        (self.folder / "one.vti").write_bytes(image({"rho": self.density}, "raw"))
+        (self.folder / "three.vti").write_bytes(image({"rho": self.velocity}, "raw"))
+        (self.folder / "none.vti").write_text('<VTKFile type="ImageData"/>')
+        self.assertIn("all.pvti: a <Piece> has no Source", said(""))
+        self.assertIn('Source="absent.vti", expected a file that is there', said('Source="absent.vti"'))
+        self.assertIn("none.vti: has no <ImageData>", said('Source="none.vti"'))
+        self.assertIn("three.vti: array 'rho' has NumberOfComponents=\"3\", expected 1",
+                      said('Source="one.vti"', 'Source="three.vti"'))
+        self.assertIn("none.vti: has no <ImageData>", self.convert(self.folder / "none.vti", fails=True))
+
+    def test_no_file_is_written_twice_or_in_part(self):
+        for folder in ("a", "b"):
+            (self.folder / folder).mkdir()
+            (self.folder / folder / "smoke.vti").write_bytes(image({"rho": self.density}, "raw"))
+        out = self.folder / "out"
+        told = self.convert(self.folder / "a/smoke.vti", self.folder / "b/smoke.vti", "-o", out, fails=True)
+        self.assertIn("would both be written as", told)
+        self.assertFalse(out.exists())
+        (out / "smoke.vdb").mkdir(parents=True)  # no file can take its name
+        self.convert(self.folder / "a/smoke.vti", "-o", out, fails=True)
+        self.assertEqual([path.name for path in out.iterdir()], ["smoke.vdb"])
+
+    def test_a_full_disk_leaves_the_file_that_was_there(self):
+        (self.folder / "smoke.vti").write_bytes(image({"rho": self.density}, "raw"))
+        (self.folder / "smoke.vdb").write_bytes(b"old")
+        for most in (0, 400):
+            ran = subprocess.run([sys.executable, SCRIPT, self.folder / "smoke.vti"], capture_output=True, text=True,
+                                 preexec_fn=lambda: resource.setrlimit(resource.RLIMIT_FSIZE, (most, most)))
+            self.assertEqual(ran.returncode, 2, ran.stderr)
+            self.assertIn("expected space for it", ran.stderr)
+            self.assertEqual((self.folder / "smoke.vdb").read_bytes(), b"old")
+            self.assertEqual(sorted(path.name for path in self.folder.iterdir()), ["smoke.vdb", "smoke.vti"])
 
 
 if __name__ == "__main__":

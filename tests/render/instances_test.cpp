@@ -160,6 +160,11 @@ TEST_F(InstanceFiles, MayBeWrittenInManyWays) {
   expect("x;y;z;pscale\n0,0;0,0;0,0;1,0\n1,5;0,0;-2,0;0,5\n");
   expect("# clouds\n\nx, y, z, pscale\n0, 0, 0, 1\n  # the second\n1.5, 0, -2, 0.5\n\n\n");
   expect("name,x,y,z,pscale\ncloud_a,0,0,0,1\ncloud_b,1.5,0,-2,0.5\n");
+  expect("name,\"x\",y,z,pscale\n\"a, b\",0,0,0,1\n\"c, d, e\",1.5,0,-2,0.5\n");
+  expect("\"x, of all\";x;y;z;pscale\n1;0;0;0;1\n1;1,5;0;-2;0,5\n");
+  expect("# made by hand\n# x,y,z,pscale\n0,0,0,1\n1.5,0,-2,0.5\n");
+  expect("# x y z pscale\n0.0 0.0 0.0 1.0\n1.5 0.0 -2.0 0.5\n");
+  expect("#x,y,z,pscale\n0 0 0 1\n1.5 0 -2 0.5\n");
   EXPECT_NE(error("a.csv", "x,y,z\n\n1,2,3\n# here\n1,two,3\n").find("line 5, column 'y': 'two' is no number"),
             std::string::npos);
 }
@@ -174,6 +179,8 @@ TEST_F(InstanceFiles, MayHaveNAndUpInsteadOfAQuaternion) {
   EXPECT_LT(glm::distance(turned({1, 0, 0}), dvec3(0, 2, 0)), 1e-12);
   // Normals alone are those of a mesh.
   EXPECT_EQ(places_of(written("a.csv", "x,y,z,nx,ny,nz\n0,0,0,1,0,0\n"), "").matrices[0], dmat4(1));
+  // Single columns of these names mean something else.
+  EXPECT_EQ(places_of(written("a.csv", "x,y,z,nx,n0,up0\n0,0,0,1,0,0\n"), "").matrices[0], dmat4(1));
   EXPECT_NE(error("a.csv", "x,y,z,nx,ny,nz,upx,upy,upz\n0,0,0,0,0,1,0,0,2\n").find("expected N above 0 and across up"),
             std::string::npos);
 }
@@ -184,6 +191,11 @@ TEST_F(InstanceFiles, SayWhatIsWrongAndWhere) {
   EXPECT_NE(error("a.csv", "x,y,z\n1,2,3\n1,2\n").find("line 3 has 2 columns; expected 3"), std::string::npos);
   EXPECT_NE(error("a.csv", "x,y,z\n1,2,big\n").find("line 2, column 'z': 'big' is no number"), std::string::npos);
   EXPECT_NE(error("a.csv", "x,y,z\n1,2,nan\n").find("line 2, 'z': nan; expected a finite number"), std::string::npos);
+  EXPECT_NE(error("a.csv", "x,y,z\n1,2,nan\n1,2,big\n").find("line 2, 'z': nan; expected a finite number"),
+            std::string::npos);
+  EXPECT_NE(error("a.csv", "# places\n\n1,2,3\n4,5,6\n").find("line 3 has numbers alone; expected a line of 3 names"),
+            std::string::npos);
+  EXPECT_NE(error("a.csv", "1,2,3\n").find("line 1 has numbers alone"), std::string::npos);
   EXPECT_NE(error("a.csv", "x,y,z,pscale\n1,2,3,0\n").find("line 2: its matrix is singular"), std::string::npos);
   EXPECT_NE(error("a.csv", "x,y,z,density\n1,2,3,-1\n").find("'density': -1; expected at least 0"), std::string::npos);
   EXPECT_NE(error("a.csv", "x,y,z,rot_x,rot_y,rot_z\n1,2,3,0,0,0\n").find("3 parts of 'rot'; expected 4"),
