@@ -6,7 +6,6 @@
 
 #include "base/text.h"
 #include "render/scene/light_groups.h"
-#include "render/scene/toml_table.h"
 #include "render/scene/volume_time.h"
 #include "volume/placement.h"
 #include "volume/volume_grids.h"

@@ -1,13 +1,11 @@
 #pragma once
 #include <cstddef>
-#include <toml.hpp>
 #include <vector>
 
 #include "render/scene/scene.h"
+#include "render/scene/toml_table.h"
 
 namespace brume {
-
-class TomlTable;
 
 // What one table of a scene must hold beyond the types and ranges of its keys: keys that need or exclude each other,
 // and what they become together. Each takes the table's reader, the settings that it has read and the table, for the
