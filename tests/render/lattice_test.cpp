@@ -119,17 +119,28 @@ struct BoxInHaze {
   }
 };
 
+/// Where the planes of a lattice lie, as sweeps read them.
+struct Places {
+  std::array<std::vector<float>, 3> along;
+  explicit Places(const Lattice& lattice) {
+    for (int a = 0; a < 3; ++a)
+      for (int i = 0; i < lattice.n[a]; ++i)
+        along[static_cast<size_t>(a)].push_back(static_cast<float>(lattice.place(a, i)));
+  }
+  SweepDomain domain(const Lattice& lattice) const {
+    SweepDomain domain{{lattice.n.x, lattice.n.y, lattice.n.z}, lattice.row()};
+    for (size_t a = 0; a < 3; ++a) domain.places[a] = along[a].data();
+    return domain;
+  }
+};
+
 class GradedSweep : public test::EveryTarget {};
 
 // In radiance 1 from all sides, media that emit as much as they absorb are invisible, wherever the planes are.
 TEST_P(GradedSweep, KeepsEquilibrium) {
   const Lattice lattice = graded();
-  std::array<std::vector<float>, 3> places;
-  for (int a = 0; a < 3; ++a)
-    for (int i = 0; i < lattice.n[a]; ++i)
-      places[static_cast<size_t>(a)].push_back(static_cast<float>(lattice.place(a, i)));
-  SweepDomain domain{{lattice.n.x, lattice.n.y, lattice.n.z}, lattice.row()};
-  for (size_t a = 0; a < 3; ++a) domain.places[a] = places[a].data();
+  const Places places(lattice);
+  const SweepDomain domain = places.domain(lattice);
   std::vector<float> extinction(domain.size(), 0.0f), light(domain.size(), 0.0f);
   Rng rng(9);
   for (int x = 1; x < lattice.n.x - 1; ++x)
@@ -150,12 +161,8 @@ TEST_P(GradedSweep, KeepsEquilibrium) {
 // What is attenuated is the depth along the beam, by cells of any width: here only along x.
 TEST_P(GradedSweep, AttenuatesByDistance) {
   const Lattice lattice = graded();
-  std::array<std::vector<float>, 3> places;
-  for (int a = 0; a < 3; ++a)
-    for (int i = 0; i < lattice.n[a]; ++i)
-      places[static_cast<size_t>(a)].push_back(static_cast<float>(lattice.place(a, i)));
-  SweepDomain domain{{lattice.n.x, lattice.n.y, lattice.n.z}, lattice.row()};
-  for (size_t a = 0; a < 3; ++a) domain.places[a] = places[a].data();
+  const Places places(lattice);
+  const SweepDomain domain = places.domain(lattice);
   const std::vector<float> extinction(domain.size(), 0.02f);
   std::vector<float> light(domain.size(), 0.0f);
   const SweepBeam beam{{1, 0, 0}, {1}, 1, light.data()};
