@@ -20,7 +20,7 @@ struct GridSummary {
   std::string grid_class;   ///< fog volume, level set, staggered, unknown
   std::string compression;  ///< of this grid: none, zip, blosc, active mask
   bool half = false;        ///< saved with 16 bits
-  bool linear = true;       ///< false for frustum and other non-affine transforms
+  bool linear = true;       ///< false for frustums, whose voxels fan out from a camera
   uint64_t active_voxels = 0, active_tiles = 0;
   VoxelBox box;  ///< of the active voxels; empty() for an empty grid
   dvec3 voxel_size{0};
@@ -88,10 +88,11 @@ struct ScalarField {
 
 /// Loads a scalar fog volume: any affine transform, float or double, saved as half or not, with active tiles; masks
 /// count 1, whole numbers as such. NaN, negative and denormal voxels become 0, infinite ones the largest finite value,
-/// all counted in the notes. A background other than 0 counts inside the active bounding box and is dropped outside. An
-/// empty grid, or a file without any, is no error: the medium is absent.
+/// all counted in the notes. A grid whose voxels fan out from a camera (a frustum) is sampled on equal cubes. A
+/// background other than 0 counts inside the active bounding box and is dropped outside. An empty grid, or a file
+/// without any, is no error: the medium is absent.
 /// @throws InputError: as read_vdb_info, and: no such grid (lists those that exist; NoSuchGrid where none was named),
-///         several that could be meant, not scalar, level set, points, frustum, singular transform
+///         several that could be meant, not scalar, level set, points, singular transform
 ScalarField load_scalar(const std::filesystem::path& path, const ScalarOptions& options, const Task& task = {});
 
 struct VectorField {

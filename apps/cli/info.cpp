@@ -94,7 +94,7 @@ int info_vdb(const std::string& path, bool as_json) {
       j["nan"] = g.nan_count, j["infinite"] = g.infinite_count, j["negative"] = g.negative_count;
     }
     text += g.linear ? "  world from index\n" + format_transform(g.world_from_index)
-                     : "  transform     not affine (frustum)\n";
+                     : "  transform     a frustum, sampled on equal cubes where it is rendered\n";
     if (g.linear && !g.box.empty()) {
       const auto [lo, hi] = world_bounds(g);
       text += fmt::format("  world bounds  [{:.6g} {:.6g} {:.6g}] .. [{:.6g} {:.6g} {:.6g}]\n", lo.x, lo.y, lo.z, hi.x,

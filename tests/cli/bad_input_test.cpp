@@ -122,13 +122,10 @@ TEST_F(BadInput, Volumes) {
   expect_nothing_written();
 }
 
-TEST_F(BadInput, PointsAndFrustums) {
+TEST_F(BadInput, Points) {
   expect_refused("render " + scene(grid("points")) + " -o " + path("out.exr"), {"holds points; expected a fog volume"});
   expect_refused("render " + scene(grid("vectors")) + " -o " + path("out.exr"),
                  {"of type vec3s; expected float or double"});
-  expect_refused("halve " + grid("frustum") + " -o " + path("h.vdb"), {"frustum or other non-affine transform"});
-  expect_refused("render " + scene(grid("frustum")) + " -o " + path("out.exr"),
-                 {"frustum or other non-affine transform; resample it"});
   expect_nothing_written();
 }
 

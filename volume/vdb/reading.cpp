@@ -294,9 +294,6 @@ void check_scalar_field(const fs::path& path, const GridSummary& s, openvdb::io:
   if (s.type != "float" && s.type != "double")
     fail(path, fmt::format("grid '{}' is of type {}; expected float or double. The file has: {}", s.name, s.type,
                            list_grids(file)));
-  if (!s.linear)
-    fail(path, fmt::format("grid '{}' has a frustum or other non-affine transform; resample it to a uniform grid first",
-                           s.name));
 }
 
 VdbSummary read_summary(Reading& reading, const fs::path& path, bool values) {

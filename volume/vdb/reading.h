@@ -81,6 +81,11 @@ void check_memory(openvdb::io::File& file, const std::filesystem::path& path, co
 /// Refuses what no density can be read from, with what to do instead.
 void check_scalar_field(const std::filesystem::path& path, const GridSummary& grid, openvdb::io::File& file);
 
+/// A grid whose voxels fan out from a camera as one of equal cubes, which a note tells; any other as it is. Level sets
+/// are to be made fog before. @throws InputError for other transforms that are not affine, and where memory is short
+openvdb::GridBase::Ptr with_equal_voxels(const std::filesystem::path& path, const openvdb::GridBase::Ptr& grid,
+                                         std::vector<std::string>& notes, const Task& task);
+
 // The answers, one file for each kind.
 
 /// @param values  whether the grids are read and looked through, or their metadata only

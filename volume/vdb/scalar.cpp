@@ -136,6 +136,11 @@ ScalarField read_scalar(Reading& reading, const fs::path& path, const ScalarOpti
     field.summary.name = name;
     field.notes.push_back(fmt::format("grid '{}': the level set's inside was converted to fog", s.name));
   }
+  if (!s.linear) {
+    grid = with_equal_voxels(path, grid, field.notes, reading.task);
+    field.summary = summarize(*grid, reading.task);
+    field.summary.name = name;
+  }
   field.world_from_index = s.world_from_index;
   if (s.active_voxels == 0) {
     field.notes.push_back(fmt::format("grid '{}' is empty: the field is absent", s.name));

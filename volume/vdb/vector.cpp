@@ -95,10 +95,6 @@ VectorGrids read_vector(Reading& reading, openvdb::io::File& file, const fs::pat
   reading.limits.reset();
   for (const ComponentGrid& component : result.components) {
     const openvdb::GridBase& grid = *component.grid;
-    if (!grid.transform().isLinear())
-      fail(path,
-           fmt::format("grid '{}' has a frustum or other non-affine transform; resample it to a uniform grid first",
-                       grid.getName()));
     const bool of_vectors = grid.valueType() == "vec3s" || grid.valueType() == "vec3d",
                of_numbers = grid.valueType() == "float" || grid.valueType() == "double";
     if (!(parts ? of_numbers : of_vectors))
@@ -106,6 +102,12 @@ VectorGrids read_vector(Reading& reading, openvdb::io::File& file, const fs::pat
            fmt::format("grid '{}' is of type {}; expected vec3s or vec3d, three numbers per voxel, or three grids "
                        "of numbers such as '{}.{}'. The file has: {}",
                        grid.getName(), grid.valueType(), result.name, letters[0][0], list_grids(file)));
+  }
+  const openvdb::GridBase::Ptr first = result.components[0].grid;
+  result.components[0].grid = with_equal_voxels(path, first, notes, reading.task);
+  for (size_t c = 1; c < 3; ++c) {
+    openvdb::GridBase::Ptr& grid = result.components[c].grid;
+    grid = grid == first ? result.components[0].grid : with_equal_voxels(path, grid, notes, reading.task);
   }
   for (const ComponentGrid& component : result.components) {
     uint64_t not_finite = 0;

@@ -50,8 +50,9 @@ uint64_t halve(Reading& reading, const fs::path& path, const std::string& name, 
                const fs::path& part) {
   const auto file = open(reading, path);
   std::vector<std::string> notes;
-  const auto base = file->readGrid(choose_grid(*file, path, name, GridUse::kDensity, notes));
+  const auto stored = file->readGrid(choose_grid(*file, path, name, GridUse::kDensity, notes));
   reading.limits.reset();
+  const auto base = with_equal_voxels(path, stored, notes, reading.task);
   const GridSummary s = summarize(*base, reading.task);
   check_scalar_field(path, s, *file);
   if (s.grid_class == "level set" || s.nan_count || s.infinite_count || s.negative_count)

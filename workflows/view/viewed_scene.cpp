@@ -258,7 +258,7 @@ std::pair<std::string, std::vector<GridChoice>> ViewedScene::grids_instead() con
       for (const GridSummary& grid : read_vdb_info(file).grids) {
         const bool number = grid.type == "float" || grid.type == "double" || grid.type == "half";
         const bool something = grid.active_voxels + grid.active_tiles > 0 && (!grid.has_range || grid.maximum > 0);
-        all.push_back({grid.name, grid.type, number && grid.linear && something});
+        all.push_back({grid.name, grid.type, number && something});
       }
     } catch (const std::exception&) {  // told by who reads the volume
     }

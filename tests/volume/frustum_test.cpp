@@ -1,0 +1,150 @@
+// Grids whose voxels fan out from a camera.
+
+#include <gtest/gtest.h>
+
+#include <limits>
+
+#include "tests/support/error_of.h"
+#include "tests/support/files.h"
+#include "tests/support/vdb_grids.h"
+#include "volume/vdb_io.h"
+
+namespace brume {
+namespace {
+
+using openvdb::Vec3d;
+
+constexpr int kSide = 24, kDepth = 40;  // voxels
+
+/// Twice as wide at its far end as at its near one, and ten units deep.
+openvdb::math::Transform::Ptr frustum() {
+  const auto transform = openvdb::math::Transform::createFrustumTransform(
+      openvdb::BBoxd(Vec3d(0), Vec3d(kSide - 1, kSide - 1, kDepth - 1)), 0.5, 10, 0.2);
+  transform->postRotate(0.4, openvdb::math::X_AXIS);
+  transform->postTranslate(Vec3d(3, -20, 5));
+  return transform;
+}
+
+double linear(const Vec3d& at) {
+  return 20 + 0.5 * at.x() + 0.25 * at.y() - 0.125 * at.z();
+}
+
+/// A grid that is linear in the world, in all of the frustum.
+template <class Grid>
+typename Grid::Ptr filled(const std::string& name, const typename Grid::ValueType& unit) {
+  openvdb::initialize();
+  auto grid = Grid::create();
+  grid->setName(name);
+  grid->setGridClass(openvdb::GRID_FOG_VOLUME);
+  grid->setTransform(frustum());
+  for (int x = 0; x < kSide; ++x)
+    for (int y = 0; y < kSide; ++y)
+      for (int z = 0; z < kDepth; ++z) {
+        const Vec3d at = grid->indexToWorld(openvdb::Coord(x, y, z));
+        using Element = typename openvdb::VecTraits<typename Grid::ValueType>::ElementType;
+        grid->tree().setValue({x, y, z}, unit * static_cast<Element>(linear(at)));
+      }
+  return grid;
+}
+
+class Frustum : public ::testing::Test {
+ protected:
+  void write(const openvdb::GridPtrVec& grids) const {
+    openvdb::io::File file(path_.string());
+    file.write(grids);
+    file.close();
+  }
+  /// Calls check(value's place in the world, voxel) for the voxels of a field that lie well inside the frustum.
+  template <class Check>
+  static int each_inside(const dmat4& world_from_index, const BrickGrid& bricks, const Check& check) {
+    const auto map = frustum();
+    const ivec3 lo = bricks.origin(), size = bricks.extent() + 1;
+    int inside = 0;
+    for (int x = 0; x < size.x; ++x)
+      for (int y = 0; y < size.y; ++y)
+        for (int z = 0; z < size.z; ++z) {
+          const dvec4 at = world_from_index * dvec4(dvec3(lo + ivec3(x, y, z)), 1);
+          const Vec3d index = map->worldToIndex(Vec3d(at.x, at.y, at.z));
+          if (index.x() < 1 || index.y() < 1 || index.z() < 1 || index.x() > kSide - 2 || index.y() > kSide - 2 ||
+              index.z() > kDepth - 2)
+            continue;
+          ++inside;
+          check(Vec3d(at.x, at.y, at.z), ivec3(x, y, z));
+        }
+    return inside;
+  }
+
+  test::TemporaryFolder folder_;
+  std::filesystem::path path_ = folder_ / "frustum.vdb";
+};
+
+TEST_F(Frustum, IsSampledOnEqualCubes) {
+  write({filled<openvdb::FloatGrid>("density", 1), filled<openvdb::DoubleGrid>("heat", 2)});
+  const ScalarField density = load_scalar(path_, {});
+  ASSERT_EQ(density.notes.size(), 1u);
+  EXPECT_NE(density.notes[0].find("grid 'density': its voxels fan out (a frustum); sampled on equal cubes of"),
+            std::string::npos)
+      << density.notes[0];
+  const int inside = each_inside(density.world_from_index, density.bricks, [&](const Vec3d& at, const ivec3& voxel) {
+    ASSERT_NEAR(static_cast<double>(density.bricks.voxel(voxel)), linear(at), 1e-4);
+  });
+  // As many as it had at least, and at most eight times as many.
+  EXPECT_GT(inside, kSide * kSide * kDepth / 2);
+  EXPECT_LE(inside, 8 * kSide * kSide * kDepth);
+
+  ScalarOptions heat_options;
+  heat_options.grid = "heat";
+  const ScalarField heat = load_scalar(path_, heat_options);
+  EXPECT_EQ(heat.world_from_index, density.world_from_index);
+  each_inside(heat.world_from_index, heat.bricks, [&](const Vec3d& at, const ivec3& voxel) {
+    ASSERT_NEAR(static_cast<double>(heat.bricks.voxel(voxel)), 2 * linear(at), 2e-4);
+  });
+}
+
+TEST_F(Frustum, KeepsItsMassAndItsEmptySpace) {
+  const auto half = filled<openvdb::FloatGrid>("density", 1);
+  double mass = 0;
+  const auto& map = half->transform();
+  for (auto it = half->beginValueOn(); it; ++it) {
+    const Vec3d at = it.getCoord().asVec3d();
+    if (it.getCoord().z() < 6 || it.getCoord().z() > 30)
+      it.setValueOff(), it.setValue(0), it.setValueOff();
+    else
+      mass += static_cast<double>(*it) * std::abs(map.baseMap()->determinant(at));
+  }
+  write({half});
+  const ScalarField field = load_scalar(path_, {});
+  const dmat4& m = field.world_from_index;
+  const double cube = std::abs(glm::determinant(dmat3(m)));
+  double sampled = 0;
+  const ivec3 size = field.bricks.extent() + 1;
+  for (int x = 0; x < size.x; ++x)
+    for (int y = 0; y < size.y; ++y)
+      for (int z = 0; z < size.z; ++z) sampled += cube * static_cast<double>(field.bricks.voxel({x, y, z}));
+  EXPECT_NEAR(sampled, mass, 0.01 * mass);
+}
+
+TEST_F(Frustum, ValuesThatAreNotFiniteDoNotSpread) {
+  const auto grid = filled<openvdb::FloatGrid>("density", 1);
+  grid->tree().setValue({10, 10, 10}, std::numeric_limits<float>::quiet_NaN());
+  grid->tree().setValue({12, 10, 10}, std::numeric_limits<float>::infinity());
+  write({grid});
+  const ScalarField field = load_scalar(path_, {});
+  ASSERT_EQ(field.notes.size(), 2u);
+  EXPECT_EQ(field.notes[1], "grid 'density': 2 values that are not finite became 0");
+  each_inside(field.world_from_index, field.bricks,
+              [&](const Vec3d&, const ivec3& voxel) { ASSERT_LT(field.bricks.voxel(voxel), 100.0f); });
+}
+
+TEST_F(Frustum, VectorsToo) {
+  write({filled<openvdb::FloatGrid>("density", 1), filled<openvdb::Vec3SGrid>("Cd", openvdb::Vec3s(1, 0.5f, 0.25f))});
+  const VectorField colour = load_colour(path_, "Cd");
+  EXPECT_EQ(colour.world_from_index, load_scalar(path_, {}).world_from_index);
+  for (size_t c = 0; c < 3; ++c)
+    each_inside(colour.world_from_index, colour.bricks.parts[c], [&](const Vec3d& at, const ivec3& voxel) {
+      ASSERT_NEAR(static_cast<double>(colour.bricks.parts[c].voxel(voxel)), linear(at) / (1 << c), 1e-4);
+    });
+}
+
+}  // namespace
+}  // namespace brume
