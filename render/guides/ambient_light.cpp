@@ -87,8 +87,7 @@ AmbientLight::Incident AmbientLight::along(const dvec3& p, const dvec3& directio
       light.scattered[c] +=
           seen * turned * static_cast<double>(node->scattered[k]) + std::max(0.0, seen - seen_unscattered) * emitted;
     }
-    for (size_t g = 0; g < of_groups.size(); ++g)
-      of_groups[g] += seen * turned * dvec3(of_groups_[*at * groups_ + g]);
+    for (size_t g = 0; g < of_groups.size(); ++g) of_groups[g] += seen * turned * dvec3(of_groups_[*at * groups_ + g]);
     scaled *= left;
     transmittance *= kept;
   }

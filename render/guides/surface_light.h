@@ -72,8 +72,8 @@ class SurfaceLight {
     std::vector<std::pair<Ray, SurfaceHit>> metals = {};  ///< one behind the other
     dvec3 own{0};                                         ///< what they send of lights that shine on them
     std::vector<dvec3> own_of_groups = {};
-    dvec3 share{1};                                       ///< of what is seen in them
-    int point = kBlack;                                   ///< that is
+    dvec3 share{1};      ///< of what is seen in them
+    int point = kBlack;  ///< that is
   };
   struct Observer {
     dvec3 p;
