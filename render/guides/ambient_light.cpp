@@ -47,11 +47,13 @@ double turned_towards(const AmbientLight::Node& node, const dvec3& direction) {
 
 }  // namespace
 
-AmbientLight::AmbientLight(const Lattice& lattice, double scale)
+AmbientLight::AmbientLight(const Lattice& lattice, double scale, size_t groups)
     : lattice_(lattice),
       scale_(scale),
       extinctions_(static_cast<size_t>(lattice.n.x) * lattice.n.y * lattice.n.z),
-      nodes_(extinctions_.size()) {}
+      nodes_(extinctions_.size()),
+      groups_(groups),
+      of_groups_(nodes_.size() * groups, vec3(0)) {}
 
 std::optional<size_t> AmbientLight::node_at(const dvec3& place) const {
   const ivec3 node(glm::floor(place + 0.5));
@@ -59,7 +61,9 @@ std::optional<size_t> AmbientLight::node_at(const dvec3& place) const {
   return index(node.x, node.y, node.z);
 }
 
-AmbientLight::Incident AmbientLight::along(const dvec3& p, const dvec3& direction, double distance) const {
+AmbientLight::Incident AmbientLight::along(const dvec3& p, const dvec3& direction, double distance,
+                                           std::span<dvec3> of_groups) const {
+  std::fill(of_groups.begin(), of_groups.end(), dvec3(0));
   const dvec3 from = lattice_.to_spacings(p);
   auto [t, t_end] = inside_box(from, direction, lattice_.last_place());
   t_end = std::min(t_end, distance / lattice_.spacing);
@@ -83,6 +87,7 @@ AmbientLight::Incident AmbientLight::along(const dvec3& p, const dvec3& directio
       light.scattered[c] +=
           seen * turned * static_cast<double>(node->scattered[k]) + std::max(0.0, seen - seen_unscattered) * emitted;
     }
+    for (size_t g = 0; g < of_groups.size(); ++g) of_groups[g] += seen * turned * dvec3(of_groups_[*at * groups_ + g]);
     scaled *= left;
     transmittance *= kept;
   }

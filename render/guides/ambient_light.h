@@ -1,6 +1,7 @@
 #pragma once
 #include <array>
 #include <optional>
+#include <span>
 #include <vector>
 
 #include "render/guides/lattice.h"
@@ -16,11 +17,15 @@ class AmbientLight {
     std::array<float, 12> scattered{};  ///< RGB of the mean, and of the parts along x, y and z
   };
 
-  /// @param scale  what the forward peak leaves of the extinction
-  AmbientLight(const Lattice& lattice, double scale);
+  /// @param scale   what the forward peak leaves of the extinction
+  /// @param groups  light groups that are told apart
+  AmbientLight(const Lattice& lattice, double scale, size_t groups = 0);
 
   const Lattice& lattice() const { return lattice_; }
   std::vector<Node>& nodes() { return nodes_; }
+  size_t groups() const { return groups_; }
+  /// RGB of the mean that a node scatters of each light group.
+  std::span<vec3> of_groups(size_t node) { return {of_groups_.data() + node * groups_, groups_}; }
   size_t index(int x, int y, int z) const { return (static_cast<size_t>(x) * lattice_.n.y + y) * lattice_.n.z + z; }
 
   /// Of each node, without the forward peak.
@@ -32,7 +37,8 @@ class AmbientLight {
     dvec3 emitted{0}, scattered{0};
     double transmittance = 1, scaled_transmittance = 1;  ///< scaled: without the forward peak
   };
-  Incident along(const dvec3& p, const dvec3& direction, double distance) const;
+  /// @param of_groups  gets what of Incident::scattered is of each light group, in the directions of all; or nothing
+  Incident along(const dvec3& p, const dvec3& direction, double distance, std::span<dvec3> of_groups = {}) const;
   /// Optical depth of the media, without the forward peak, along a part of a ray.
   double depth(const dvec3& from, const dvec3& towards, double distance) const;
 
@@ -43,6 +49,8 @@ class AmbientLight {
   double scale_;
   std::vector<float> extinctions_;  // apart from the rest: along many rays nothing else is read
   std::vector<Node> nodes_;
+  size_t groups_;
+  std::vector<vec3> of_groups_;
 };
 
 }  // namespace brume

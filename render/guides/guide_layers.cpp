@@ -163,10 +163,17 @@ dvec3 GuideLayers::predicted_direct_of(const std::string& group, const GuideSums
   return dvec3(light);
 }
 
-dvec3 GuideLayers::predicted_indirect_of(const std::string& group, const GuideSums& sums) const {
+dvec3 GuideLayers::predicted_indirect_of(size_t group, const GuideSums& sums) const {
   vec3 light(0);
-  for (size_t k = 0; k < sums.groups.size(); ++k)
-    if (lights_[k]->light_group == group) add_indirect_of(k, sums, light);
+  const bool surfaces = group < sums.from_surfaces.size();
+  if (surfaces) light += sums.from_surfaces[group];
+  for (size_t k = 0; k < sums.groups.size(); ++k) {
+    if (lights_[k]->group_number == static_cast<int>(group)) add_indirect_of(k, sums, light);
+    if (!surfaces || !lights_[k]->from_surfaces()) continue;
+    vec3 all(0);
+    add_indirect_of(k, sums, all);
+    light += sums.shares[group] * all;
+  }
   return dvec3(light);
 }
 
@@ -183,7 +190,7 @@ void GuideLayers::store(int x, int y, const GuideSums& sums, double share) const
   put(indirect_, predicted_indirect(sums));
   for (size_t g = 0; g < predicted_.size(); ++g) {
     put(predicted_[g][0], predicted_direct_of(contents_.light_groups[g], sums));
-    put(predicted_[g][1], predicted_indirect_of(contents_.light_groups[g], sums));
+    put(predicted_[g][1], predicted_indirect_of(g, sums));
   }
 }
 

@@ -42,7 +42,7 @@ class GuideLayers {
   dvec3 predicted_direct(const GuideSums& sums) const;
   dvec3 predicted_indirect(const GuideSums& sums) const;
   dvec3 predicted_direct_of(const std::string& group, const GuideSums& sums) const;
-  dvec3 predicted_indirect_of(const std::string& group, const GuideSums& sums) const;
+  dvec3 predicted_indirect_of(size_t group, const GuideSums& sums) const;
   void add_direct_of(size_t light, const GuideSums& sums, vec3& sum) const;
   void add_indirect_of(size_t light, const GuideSums& sums, vec3& sum) const;
 

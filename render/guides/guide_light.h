@@ -83,6 +83,7 @@ class GuideLight {
 
   const std::string name;        ///< "sun", "sphere_2", "others", "sky", "glow", "surfaces"
   std::string light_group = {};  ///< of Lights::groups; empty: of none, or of several
+  int group_number = -1;         ///< of that; -1: of none, or of several
   const GuideColour channel;  ///< the only one that it has light of, or kGrey: of a sky of many colours in grey media
   dvec3 colour;
   Radiance unscattered;        ///< arriving(); empty where that is known by direction

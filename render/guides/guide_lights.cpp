@@ -94,6 +94,11 @@ void add_others(const Others& of, const dvec3& middle, GuideColour colour,
   }
 }
 
+void set_group(GuideLight& guide, const Lights& lights, size_t group) {
+  guide.light_group = lights.group_name(group);
+  guide.group_number = lights.groups().empty() ? -1 : static_cast<int>(group);
+}
+
 /// The strongest emissive meshes, each a light; all others are one, or one for each light group.
 void add_meshes(const Lights& lights, const Surfaces& surfaces, const dvec3& middle,
                 std::vector<std::unique_ptr<GuideLight>>& guides) {
@@ -119,7 +124,7 @@ void add_meshes(const Lights& lights, const Surfaces& surfaces, const dvec3& mid
     }
     guides.push_back(std::make_unique<EmittingMeshes>(k == 0 ? "mesh" : "mesh_" + std::to_string(k + 1),
                                                       of_mean_one(colour), surfaces, own));
-    guides.back()->light_group = lights.group_name(group_of(own[0]));
+    set_group(*guides.back(), lights, group_of(own[0]));
   }
 }
 
@@ -146,7 +151,7 @@ std::vector<std::unique_ptr<GuideLight>> guide_lights(const Lights& lights, cons
   size_t suns = 0, lamps = 0;
   std::map<size_t, Others> others;  // by light group
   const auto all_of_group = [&](size_t first, size_t group) {
-    for (size_t k = first; k < guides.size(); ++k) guides[k]->light_group = lights.group_name(group);
+    for (size_t k = first; k < guides.size(); ++k) set_group(*guides[k], lights, group);
   };
   for (const Candidate& c : candidates) {
     const bool sun = std::holds_alternative<const Sun*>(c.light);

@@ -46,13 +46,22 @@ struct GuideSums : GuideTotals {
   /// Fields at nodes times the weight of what is seen of them, with the whole extinction and without the forward peak.
   std::array<float, NodeTable::kMost> plain{}, scaled{};
   std::vector<FieldSums> fields;  ///< by group
+  /// By light group, that of surfaces alone: indirect light that they send to the eye, and RGB shares of what they send
+  /// into the media that the pixel shows.
+  std::vector<vec3> from_surfaces, shares;
 
-  explicit GuideSums(size_t group_count) : groups(group_count), surface(group_count, vec3(0)), fields(group_count) {}
+  explicit GuideSums(size_t group_count, size_t light_groups = 0)
+      : groups(group_count),
+        surface(group_count, vec3(0)),
+        fields(group_count),
+        from_surfaces(light_groups, vec3(0)),
+        shares(light_groups, vec3(0)) {}
   void clear() {
     static_cast<GuideTotals&>(*this) = {};
     std::fill(groups.begin(), groups.end(), GroupSums{});
     std::fill(surface.begin(), surface.end(), vec3(0));
     std::fill(fields.begin(), fields.end(), FieldSums{});
+    std::fill(from_surfaces.begin(), from_surfaces.end(), vec3(0));
     plain.fill(0);
     scaled.fill(0);
   }

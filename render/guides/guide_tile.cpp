@@ -30,7 +30,7 @@ vec3 scaled(const dvec3& colour, double value) {
 
 GuideTile::GuideTile(const GuideMarch& march, DeepRecord* deep)
     : march_(march), lit_(march), mirrored_(march), deep_(deep), deep_rays_(deep ? kSide * kSide : 0) {
-  for (int i = 0; i < kSide * kSide; ++i) pixels_.emplace_back(march.fields_.lights().size());
+  for (int i = 0; i < kSide * kSide; ++i) pixels_.emplace_back(march.fields_.lights().size(), march.fields_.groups());
 }
 
 void GuideTile::record(const ivec2& corner, const ivec2& from, const ivec2& to, const GuideLayers& layers) {
@@ -73,6 +73,7 @@ void GuideTile::record(const ivec2& corner, const ivec2& from, const ivec2& to, 
   for (int y = from.y; y < to.y; ++y)
     for (int x = from.x; x < to.x; ++x, ++p) {
       pixels_[p].collect(march_.fields_, march_.node_fields_);
+      if (!pixels_[p].shares.empty()) find_shares(p);
       const auto count = static_cast<size_t>(traced_[p].across * traced_[p].across);
       layers.store(x, y, pixels_[p], 1.0 / static_cast<double>(count));
       if (deep_)
@@ -81,6 +82,17 @@ void GuideTile::record(const ivec2& corner, const ivec2& from, const ivec2& to, 
                                           vec3(pixels_[p].mirrored + pixels_[p].mirrored_indirect),
                                           deep_->most(march_.colour_)));
     }
+}
+
+// Of the place that is seen on average: what surfaces send into media varies little along a ray.
+void GuideTile::find_shares(size_t pixel) {
+  GuideSums& sums = pixels_[pixel];
+  std::fill(sums.shares.begin(), sums.shares.end(), vec3(0));
+  if (!(sums.opacity > 0)) return;
+  const Ray ray = march_.rays_.ray(march_.rays_.sample(traced_[pixel].at, 0, 1));
+  std::vector<dvec3> shares(sums.shares.size());
+  march_.fields_.surface_light()->shares(ray.at(march_.reference_depth_ + sums.depth / sums.opacity), shares);
+  for (size_t g = 0; g < shares.size(); ++g) sums.shares[g] = vec3(shares[g]);
 }
 
 // The facets of a mesh each show their own part of a lamp: its highlight ends where they meet, within pixels.
@@ -258,6 +270,11 @@ vec3 GuideTile::add_reflected(const CameraRay& ray, const ShadedPoint& at, doubl
   const LitPixels::Light* const lit =
       at.diffuse() ? &lit_.at(pixel.at, ray.number, pixel.across, *ray.hit, at) : nullptr;
   dvec3 indirect = lit ? at.bsdf.albedo * lit->scattered : dvec3(0), leaving(0);
+  const auto add_to_group = [&](size_t group, const dvec3& direct_light, const dvec3& indirect_light) {
+    sums.from_surfaces[group] += scaled(indirect_light, transmittance) + scaled(direct_light + indirect_light, peaks);
+  };
+  for (size_t g = 0; lit && g < sums.from_surfaces.size(); ++g)
+    add_to_group(g, dvec3(0), at.bsdf.albedo * lit->of_light_groups[g]);
   for (size_t k = 0; k < sums.groups.size() && !at.bsdf.delta(); ++k) {
     Lit light;
     if (lit)
@@ -267,6 +284,9 @@ vec3 GuideTile::add_reflected(const CameraRay& ray, const ShadedPoint& at, doubl
     sums.surface[k] += scaled(light.direct, transmittance);
     leaving += light.direct;
     indirect += light.indirect;
+    const int group = march_.fields_.lights()[k]->group_number;
+    if (group >= 0 && !sums.from_surfaces.empty())
+      add_to_group(static_cast<size_t>(group), light.direct, light.indirect);
   }
   sums.indirect += scaled(indirect, transmittance);
   sums.behind += scaled(leaving + indirect, peaks);

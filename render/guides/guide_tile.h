@@ -51,6 +51,8 @@ class GuideTile {
   void begin(size_t pixel, int ray, const CameraSample& sample, const MarchScene& scene);
   void end(const CameraRay& ray, const MarchedRay& marched);
   /// Looks through more of a lens at the sky alone.
+  /// Sets GuideSums::shares.
+  void find_shares(size_t pixel);
   void even_sky(size_t pixel);
   void add_media(const MarchedRay& marched, GuideSums& sums) const;
   /// @return what it reflects, as far as that is known before its mirrors are followed

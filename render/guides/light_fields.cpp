@@ -219,7 +219,9 @@ LightFields::LightFields(const std::vector<GuideMedia>& times, const Lights& lig
   colour_ = colour;
   if (colour == kGrey && !media.media().empty()) tint_ = OrderTint(media.tint(0));
   if (surfaces) {
-    ambient_light_.emplace(coarse_, scale_);
+    const bool groups = !media.mixed_tints() && !lights.groups().empty();
+    ambient_light_.emplace(coarse_, scale_, groups ? lights.groups().size() : 0);
+    if (groups) sky_group_ = static_cast<int>(lights.environment()->group);
     if (colour == kGrey && media.mixed_tints()) node_tints_.resize(ambient_light_->nodes().size());
     coarse.each_node([&](int x, int y, int z, size_t i) {
       const size_t at = ambient_light_->index(x, y, z);
@@ -244,7 +246,7 @@ LightFields::LightFields(const std::vector<GuideMedia>& times, const Lights& lig
 
 void LightFields::add_surface_light(LightSolve& solving, ScatteringSolver& coarse) {
   SurfaceLight& light = *surface_light_;
-  light.gather(*ambient_light_, sky_parts_, solving.task);
+  light.gather(*ambient_light_, sky_parts_, sky_group_, solving.task);
   light.exchange({lights_, scale_, sky_parts_, solving.surfaces, &*ambient_light_, &light}, *ambient_light_,
                  solving.task);
   if (light.colour() != dvec3(0)) {
@@ -253,7 +255,7 @@ void LightFields::add_surface_light(LightSolve& solving, ScatteringSolver& coars
     solve(*group, solving, coarse);
     lights_.push_back(std::move(group));
   }
-  light.gather(*ambient_light_, sky_parts_, solving.task);
+  light.gather(*ambient_light_, sky_parts_, sky_group_, solving.task);
 }
 
 AmbientLight LightFields::scattered_by_media(const SurfaceLight& light, ScatteringSolver& coarse) const {
@@ -292,12 +294,17 @@ void LightFields::add_to_ambient(const GuideLight& light, const Source& fine_ord
   coarse.each_node([&](int x, int y, int z, size_t i) {
     const size_t at = ambient_light_->index(x, y, z);
     AmbientLight::Node& node = ambient_light_->nodes()[at];
+    std::vector<dvec3> shares(ambient_light_->groups(), dvec3(0));  // that light groups have of the light
+    if (light.from_surfaces() && !shares.empty()) surface_light_->shares(coarse_.node(x, y, z), shares);
+    if (light.group_number >= 0 && !shares.empty()) shares[static_cast<size_t>(light.group_number)] = dvec3(1);
     const OrderTint tint = node_tints_.empty() ? tint_ : OrderTint(dvec3(node_tints_[at]));
     const auto add = [&](const dvec3& own, const auto& moments, float factor) {
       const vec3 rgb(colour * own);
       for (size_t moment = 0; moment < 4; ++moment)
         for (int c = 0; c < 3; ++c)
           node.scattered[3 * moment + static_cast<size_t>(c)] += factor * rgb[c] * moments[moment][i];
+      for (size_t g = 0; g < shares.size(); ++g)
+        ambient_light_->of_groups(at)[g] += factor * moments[0][i] * rgb * vec3(shares[g]);
     };
     add(tint.at(kFineOrder), fine_emission, 1);
     for (size_t g = GuideLight::kFineGuides; g < light.orders.size(); ++g)

@@ -42,6 +42,8 @@ class LightFields {
   /// Null where there are no surfaces.
   const AmbientLight* ambient_light() const { return ambient_light_ ? &*ambient_light_ : nullptr; }
   const SkyParts& sky_parts() const { return sky_parts_; }
+  /// Light groups whose light from surfaces is told apart; 0 without surfaces.
+  size_t groups() const { return ambient_light_ ? ambient_light_->groups() : 0; }
   /// Nodes whose light may be asked for: those near the media.
   const std::vector<uint8_t>& near() const { return near_; }
   /// What the forward peak leaves of the extinction, on average.
@@ -66,6 +68,7 @@ class LightFields {
   SkyParts sky_parts_;
   SkyShares sky_;
   std::optional<SurfaceLight> surface_light_;
+  int sky_group_ = -1;  // of Lights::groups; -1: there are none
   GuideColour colour_ = kGrey;
   OrderTint tint_;                // of the first medium
   std::vector<vec3> node_tints_;  // while light is solved, of media of unlike tints at the ambient light's nodes

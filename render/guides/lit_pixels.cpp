@@ -40,7 +40,8 @@ bool LitPixels::Place::alike(const Place& other) const {
 
 LitPixels::Place LitPixels::lit(const SurfaceHit& hit, const ShadedPoint& at) const {
   Place place{hit.surface, at.inside, at.p, at.normal, {}};
-  const SurfaceLight::Around around = march_.surfaces_.around(at);
+  place.light.of_light_groups.resize(march_.fields_.groups());
+  const SurfaceLight::Around around = march_.surfaces_.around(at, place.light.of_light_groups);
   place.light.scattered = around.scattered;
   for (const auto& group : march_.fields_.lights())
     place.light.groups.push_back(group->onto(march_.surfaces_, around, at.p, at.normal));
@@ -87,6 +88,7 @@ bool LitPixels::differs_over_lens(const Place& own, const ivec2& pixel, int ray,
 
 LitPixels::Light LitPixels::mean_around(const Place& own, const ivec2& pixel, int ray, int across) const {
   Light sum{std::vector<Lit>(own.light.groups.size())};
+  sum.of_light_groups.assign(own.light.of_light_groups.size(), dvec3(0));
   double count = 0;
   constexpr int kParts = PixelRays::kParts * PixelRays::kParts;
   for (int i = 0; i < kParts; ++i) {
@@ -94,9 +96,11 @@ LitPixels::Light LitPixels::mean_around(const Place& own, const ivec2& pixel, in
     if (there.surface != own.surface || there.inside != own.inside) continue;
     sum.scattered += there.light.scattered;
     for (size_t k = 0; k < sum.groups.size(); ++k) sum.groups[k].add(dvec3(1), there.light.groups[k]);
+    for (size_t g = 0; g < sum.of_light_groups.size(); ++g) sum.of_light_groups[g] += there.light.of_light_groups[g];
     ++count;
   }
   sum.scattered /= count;
+  for (dvec3& light : sum.of_light_groups) light /= count;
   for (Lit& light : sum.groups) {
     light.direct /= count;
     light.indirect /= count;
@@ -144,11 +148,14 @@ bool LitPixels::between(const ivec2& pixel, int ray, int across, const SurfaceHi
     const dvec2 f = dvec2(pixel - first) / static_cast<double>(side);
     light_.groups.assign(march_.fields_.lights().size(), Lit());
     light_.scattered = dvec3(0);
+    light_.of_light_groups.assign(march_.fields_.groups(), dvec3(0));
     for (int c = 0; c < 4; ++c) {
       const Light& corner = place(first + side * ivec2(c % 2, c / 2), ray, across).light;
       const dvec3 weight((c % 2 ? f.x : 1 - f.x) * (c / 2 ? f.y : 1 - f.y));
       light_.scattered += weight * corner.scattered;
       for (size_t k = 0; k < light_.groups.size(); ++k) light_.groups[k].add(weight, corner.groups[k]);
+      for (size_t g = 0; g < light_.of_light_groups.size(); ++g)
+        light_.of_light_groups[g] += weight * corner.of_light_groups[g];
     }
     return true;
   }

@@ -20,7 +20,8 @@ class LitPixels {
   /// What a surface of albedo 1 reflects.
   struct Light {
     std::vector<Lit> groups;
-    dvec3 scattered{0};  ///< as SurfaceLight::Around
+    dvec3 scattered{0};                       ///< as SurfaceLight::Around
+    std::vector<dvec3> of_light_groups = {};  ///< what of that and of what surfaces send is of each light group
   };
   /// Forgets what another tile's pixels see.
   void begin_tile();

@@ -143,16 +143,22 @@ Lit LitSurfaces::light_on(const ShadedPoint& at, const SurfaceLight::Around& aro
   return lit;
 }
 
-dvec3 LitSurfaces::reflected(const Ray& ray, const SurfaceHit& hit, double spread) const {
+dvec3 LitSurfaces::reflected(const Ray& ray, const SurfaceHit& hit, double spread, std::span<dvec3> of_groups) const {
+  std::fill(of_groups.begin(), of_groups.end(), dvec3(0));
+  const auto add_to_group = [&](const GuideLight& of, const dvec3& light) {
+    if (of.group_number >= 0 && !of_groups.empty()) of_groups[static_cast<size_t>(of.group_number)] += light;
+  };
   const ShadedPoint at(*surfaces, ray, hit);
   dvec3 sum(0);
   if (at.diffuse()) {
-    const SurfaceLight::Around all = around(at);
+    const SurfaceLight::Around all = around(at, of_groups);
     sum += all.scattered;
     for (const auto& group : groups) {
       const Lit lit = group->onto(*this, all, at.p, at.normal);
       sum += lit.direct + lit.indirect;
+      add_to_group(*group, lit.direct + lit.indirect);
     }
+    for (dvec3& light : of_groups) light *= at.bsdf.albedo;
     return at.bsdf.albedo * sum;
   }
   Bsdf bsdf = at.bsdf;
@@ -163,12 +169,16 @@ dvec3 LitSurfaces::reflected(const Ray& ray, const SurfaceHit& hit, double sprea
       const ArrivingLight light = arriving(*sharp, at.p);
       if (!(glm::dot(light.towards, at.normal) > 0)) continue;
       const Lit shares = transmitted(sharp->light(), light, at.p);
-      sum += light.irradiance * (shares.direct + shares.indirect) *
-             bsdf.value(at.to_frame(at.wo), at.to_frame(light.towards), false);
+      const dvec3 own = light.irradiance * (shares.direct + shares.indirect) *
+                        bsdf.value(at.to_frame(at.wo), at.to_frame(light.towards), false);
+      sum += own;
+      add_to_group(*group, own);
     } else if (group->sky() && at.bsdf.kind == Bsdf::Kind::kConductor) {
       const dvec3 mirrored = glm::reflect(ray.d, at.normal);
-      if (!surfaces->intersect({at.p, mirrored}, kFar))
-        sum += at.bsdf.albedo * sky.radiance(mirrored) * group->sky()->share();
+      if (surfaces->intersect({at.p, mirrored}, kFar)) continue;
+      const dvec3 own = at.bsdf.albedo * sky.radiance(mirrored) * group->sky()->share();
+      sum += own;
+      add_to_group(*group, own);
     }
   }
   return sum;

@@ -1,6 +1,7 @@
 #pragma once
 #include <memory>
 #include <optional>
+#include <span>
 #include <vector>
 
 #include "render/guides/ambient_light.h"
@@ -45,15 +46,17 @@ struct LitSurfaces {
   GuideColour colour = kGrey;         ///< of the guides
 
   /// Light from all around that a diffuse surface of albedo 1 reflects; of any other none.
-  SurfaceLight::Around around(const ShadedPoint& at) const {
-    return surface_light && at.diffuse() ? surface_light->onto(at.p, at.normal) : SurfaceLight::Around();
+  /// @param of_groups  as SurfaceLight::onto
+  SurfaceLight::Around around(const ShadedPoint& at, std::span<dvec3> of_groups = {}) const {
+    return surface_light && at.diffuse() ? surface_light->onto(at.p, at.normal, of_groups) : SurfaceLight::Around();
   }
   /// Light of a group that a surface reflects once, lit through the media, with shadows of surfaces.
   Lit light_on(const ShadedPoint& at, const SurfaceLight::Around& around, const GuideLight& group) const;
   /// Radiance that a surface sends back along a ray that hit it, of all groups; metals show highlights of suns and
   /// lamps, and of the sky what they mirror.
-  /// @param spread  of the facets that the ray stands for [rad]: a metal's lobe is as much wider
-  dvec3 reflected(const Ray& ray, const SurfaceHit& hit, double spread = 0) const;
+  /// @param spread     of the facets that the ray stands for [rad]: a metal's lobe is as much wider
+  /// @param of_groups  gets what of it is of each light group, or nothing
+  dvec3 reflected(const Ray& ray, const SurfaceHit& hit, double spread = 0, std::span<dvec3> of_groups = {}) const;
 
   /// Shares of a light that arrive at a point through the media and past surfaces; indirect: scattered by forward peaks
   /// alone.

@@ -103,6 +103,8 @@ SurfaceLight::SurfaceLight(const GuideMedia& media, const Surfaces& surfaces, co
     : surfaces_(surfaces),
       points_(surfaces, media, task),
       light_(points_.points().size()),
+      groups_(nodes.groups()),
+      scattered_of_groups_(light_.size() * groups_),
       looked_at_(light_.size(), 0.0) {
   at_points_.directions = spiral_by_cosine(kPointRays);
   for (const SurfacePoints::Point& point : points_.points())
@@ -110,6 +112,7 @@ SurfaceLight::SurfaceLight(const GuideMedia& media, const Surfaces& surfaces, co
   at_probes_.directions = spiral_of_directions(kProbeRays);
   place_probes(media, nodes);
   into_media_.resize(at_probes_.all.size());
+  into_media_of_groups_.assign(into_media_.size() * groups_, dvec3(0));
   look(at_points_, surfaces, nodes, task);
   look(at_probes_, surfaces, nodes, task);
   for (size_t i = 0; i < light_.size(); ++i) {
@@ -260,24 +263,31 @@ SurfaceLight::SkySeen SurfaceLight::sky_seen(const dvec3& world) const {
   return mean;
 }
 
-void SurfaceLight::gather(const AmbientLight& nodes, const SkyParts& sky, const Task& task) {
+void SurfaceLight::gather(const AmbientLight& nodes, const SkyParts& sky, int sky_group, const Task& task) {
   const SkyCells radiance(sky);
   parallel_for(static_cast<int>(light_.size()), quiet(task), [&](int i) {
     const Observer& observer = at_points_.all[static_cast<size_t>(i)];
     AtPoint& light = light_[static_cast<size_t>(i)];
     light.sky = light.sky_by_peaks = light.emitted = light.scattered = {};
+    Flux* const of_groups = scattered_of_groups_.data() + static_cast<size_t>(i) * groups_;
+    std::fill_n(of_groups, groups_, Flux());
+    std::vector<dvec3> scattered_of_groups(groups_);
     for (size_t k = 0; k < at_points_.directions.size(); ++k) {
       const Seen& seen = at_points_.of(static_cast<size_t>(i))[k];
       const dvec3 d = observer.frame.to_world(at_points_.directions[k]);
       // Share of the hemisphere by the cosine, over the cosine.
       const double share = 1 / (kPi * at_points_.density(at_points_.directions[k].z));
-      const AmbientLight::Incident incident = nodes.along(observer.p, d, static_cast<double>(seen.distance));
+      const AmbientLight::Incident incident =
+          nodes.along(observer.p, d, static_cast<double>(seen.distance), scattered_of_groups);
+      for (size_t g = 0; g < groups_; ++g) of_groups[g].add(share * scattered_of_groups[g], d);
       light.emitted.add(share * incident.emitted, d);
       light.scattered.add(share * incident.scattered, d);
       if (seen.point != kSky) continue;
       const dvec3 from_sky = share * radiance(d);
       light.sky.add(incident.transmittance * from_sky, d);
-      light.sky_by_peaks.add(std::max(0.0, incident.scaled_transmittance - incident.transmittance) * from_sky, d);
+      const dvec3 by_peaks = std::max(0.0, incident.scaled_transmittance - incident.transmittance) * from_sky;
+      light.sky_by_peaks.add(by_peaks, d);
+      if (groups_ > 0 && sky_group >= 0) of_groups[sky_group].add(by_peaks, d);
     }
   });
 }
@@ -325,8 +335,19 @@ void SurfaceLight::each_ray(const Observers& observers, size_t i, const Visit& v
       visit(static_cast<size_t>(m.point), static_cast<double>(seen[m.ray].transmittance) * m.share, m.ray);
 }
 
-void SurfaceLight::send(const std::vector<dvec3>& radiosity, bool bright, const AmbientLight& nodes,
-                        std::vector<Flux>& to_points, std::vector<AtProbe>& to_probes, const Task& task) const {
+SurfaceLight::Radiosity SurfaceLight::black() const {
+  return {std::vector<dvec3>(light_.size(), dvec3(0)), std::vector<dvec3>(light_.size() * groups_, dvec3(0))};
+}
+
+SurfaceLight::Arriving SurfaceLight::nothing_arriving() const {
+  return {std::vector<Flux>(light_.size()), std::vector<Flux>(light_.size() * groups_),
+          std::vector<AtProbe>(into_media_.size()), std::vector<dvec3>(into_media_.size() * groups_, dvec3(0))};
+}
+
+void SurfaceLight::send(const Radiosity& radiosity, bool bright, const AmbientLight& nodes, Arriving& to,
+                        const Task& task) const {
+  const auto of_groups = [&](size_t point) { return radiosity.of_groups.data() + point * groups_; };
+  // Calls add(light, direction, factor, groups): the light of the groups is what is at `groups`, times the factor.
   const auto towards = [&](const Observers& observers, size_t i, const auto& add) {
     const Observer& observer = observers.all[i];
     const auto direction = [&](size_t k) { return observer.frame.to_world(observers.directions[k]); };
@@ -338,63 +359,81 @@ void SurfaceLight::send(const std::vector<dvec3>& radiosity, bool bright, const 
         const double distance = static_cast<double>(observers.of(i)[k].distance);
         density += looked_at_[point] * distance * distance / std::max(1e-3, -glm::dot(d, there.normal));
       }
-      add(share * radiosity[point] / density, d);
+      add(share * radiosity.all[point] / density, d, share / density, of_groups(point));
     });
     if (!bright) return;
-    for (const Mirrored& m : observer.mirrored)
-      add(static_cast<double>(observers.of(i)[m.ray].transmittance) * m.own /
-              observers.density(observers.directions[m.ray].z),
-          direction(m.ray));
+    for (const Mirrored& m : observer.mirrored) {
+      const double transmittance = static_cast<double>(observers.of(i)[m.ray].transmittance),
+                   density = observers.density(observers.directions[m.ray].z);
+      add(transmittance * m.own / density, direction(m.ray), dvec3(transmittance / density), m.own_of_groups.data());
+    }
     for (const size_t point : bright_) {
       const SurfacePoints::Point& there = points_.points()[point];
-      const dvec3 to = there.p - observer.p;
-      const double distance2 = glm::dot(to, to), distance = std::sqrt(distance2);
+      const dvec3 to_it = there.p - observer.p;
+      const double distance2 = glm::dot(to_it, to_it), distance = std::sqrt(distance2);
       if (!(distance2 > 0)) continue;
-      const dvec3 d = to / distance;
+      const dvec3 d = to_it / distance;
       const double facing = -glm::dot(d, there.normal), cosine = glm::dot(d, observer.frame.z);
       if (!(facing > 0) || (observers.at_surfaces && !(cosine > 0))) continue;
       const dvec3 left = surfaces_.passage({observer.p, d}, distance).light;
       if (left == dvec3(0)) continue;
       const double density = looked_at_[point] * distance2 / facing + observers.density(cosine);
-      add(attenuation(nodes.depth(observer.p, d, distance)) * left * radiosity[point] / density, d);
+      const dvec3 share = attenuation(nodes.depth(observer.p, d, distance)) * left;
+      add(share * radiosity.all[point] / density, d, share / density, of_groups(point));
     }
   };
-  parallel_for(static_cast<int>(to_points.size()), quiet(task), [&](int i) {
-    Flux& sum = to_points[static_cast<size_t>(i)];
-    towards(at_points_, static_cast<size_t>(i), [&](const dvec3& light, const dvec3& d) { sum.add(light / kPi, d); });
+  parallel_for(static_cast<int>(to.at_points.size()), quiet(task), [&](int i) {
+    const auto at = static_cast<size_t>(i);
+    towards(at_points_, at, [&](const dvec3& light, const dvec3& d, const dvec3& factor, const dvec3* groups) {
+      to.at_points[at].add(light / kPi, d);
+      for (size_t g = 0; g < groups_; ++g) to.at_points_of_groups[at * groups_ + g].add(factor * groups[g] / kPi, d);
+    });
   });
-  parallel_for(static_cast<int>(to_probes.size()), quiet(task), [&](int i) {
-    AtProbe& sum = to_probes[static_cast<size_t>(i)];
-    towards(at_probes_, static_cast<size_t>(i), [&](const dvec3& light, const dvec3& d) {
+  parallel_for(static_cast<int>(to.at_probes.size()), quiet(task), [&](int i) {
+    const auto at = static_cast<size_t>(i);
+    AtProbe& sum = to.at_probes[at];
+    towards(at_probes_, at, [&](const dvec3& light, const dvec3& d, const dvec3& factor, const dvec3* groups) {
       sum.mean += light / (4 * kPi);
       sum.flux.add(light / (4 * kPi), -d);
+      for (size_t g = 0; g < groups_; ++g) to.at_probes_of_groups[at * groups_ + g] += factor * groups[g] / (4 * kPi);
     });
   });
 }
 
-std::vector<dvec3> SurfaceLight::later_reflections(const std::vector<Flux>& arriving, const Task& task) const {
-  std::vector<dvec3> radiosity(arriving.size()), next(arriving.size()), sum(arriving.size(), dvec3(0));
+SurfaceLight::Radiosity SurfaceLight::later_reflections(const std::vector<Flux>& arriving,
+                                                        const std::vector<Flux>& of_groups, const Task& task) const {
+  Radiosity radiosity = black(), next = black(), sum = black();
   const auto add = [&] {
     double own = 0;
-    for (size_t i = 0; i < sum.size(); ++i) {
-      sum[i] += radiosity[i];
-      own += points_.points()[i].area * in_colour(radiosity[i], kGrey);
+    for (size_t i = 0; i < sum.all.size(); ++i) {
+      sum.all[i] += radiosity.all[i];
+      own += points_.points()[i].area * in_colour(radiosity.all[i], kGrey);
     }
+    for (size_t i = 0; i < sum.of_groups.size(); ++i) sum.of_groups[i] += radiosity.of_groups[i];
     return own;
   };
   for (size_t i = 0; i < arriving.size(); ++i) {
     const SurfacePoints::Point& point = points_.points()[i];
-    radiosity[i] = point.albedo * arriving[i].onto(point.normal);
+    radiosity.all[i] = point.albedo * arriving[i].onto(point.normal);
+    for (size_t k = i * groups_; k < (i + 1) * groups_; ++k)
+      radiosity.of_groups[k] = point.albedo * of_groups[k].onto(point.normal);
   }
   double all = add();
   for (int reflection = 1; reflection < kMostReflections; ++reflection) {
-    parallel_for(static_cast<int>(next.size()), quiet(task), [&](int i) {
+    parallel_for(static_cast<int>(light_.size()), quiet(task), [&](int i) {
+      const auto at = static_cast<size_t>(i);
+      const dvec3& albedo = points_.points()[at].albedo;
+      dvec3* const groups = next.of_groups.data() + at * groups_;
+      std::fill_n(groups, groups_, dvec3(0));
       dvec3 light(0);
-      each_ray(at_points_, static_cast<size_t>(i),
-               [&](size_t point, const dvec3& share, size_t) { light += share * radiosity[point]; });
-      next[static_cast<size_t>(i)] = points_.points()[static_cast<size_t>(i)].albedo * light / double{kPointRays};
+      each_ray(at_points_, at, [&](size_t point, const dvec3& share, size_t) {
+        light += share * radiosity.all[point];
+        for (size_t g = 0; g < groups_; ++g) groups[g] += share * radiosity.of_groups[point * groups_ + g];
+      });
+      next.all[at] = albedo * light / double{kPointRays};
+      for (size_t g = 0; g < groups_; ++g) groups[g] *= albedo / double{kPointRays};
     });
-    radiosity.swap(next);
+    std::swap(radiosity, next);
     const double own = add();
     all += own;
     if (own <= kNegligible * all) break;
@@ -403,37 +442,50 @@ std::vector<dvec3> SurfaceLight::later_reflections(const std::vector<Flux>& arri
 }
 
 void SurfaceLight::exchange(const LitSurfaces& lit, const AmbientLight& nodes, const Task& task) {
-  std::vector<dvec3> radiosity(light_.size(), dvec3(0));
+  Radiosity radiosity = black();
   parallel_for(static_cast<int>(light_.size()), quiet(task), [&](int i) {
-    const auto& samples = points_.points()[static_cast<size_t>(i)].samples;
-    for (const auto& [ray, hit] : samples)
-      radiosity[static_cast<size_t>(i)] += lit.reflected(ray, hit) / static_cast<double>(samples.size());
+    const auto at = static_cast<size_t>(i);
+    const auto& samples = points_.points()[at].samples;
+    std::vector<dvec3> of_groups(groups_);
+    for (const auto& [ray, hit] : samples) {
+      radiosity.all[at] += lit.reflected(ray, hit, 0, of_groups) / static_cast<double>(samples.size());
+      for (size_t g = 0; g < groups_; ++g)
+        radiosity.of_groups[at * groups_ + g] += of_groups[g] / static_cast<double>(samples.size());
+    }
   });
   for (Observers* const observers : {&at_points_, &at_probes_})
     parallel_for(static_cast<int>(observers->all.size()), quiet(task), [&](int i) {
+      std::vector<dvec3> of_groups(groups_);
       for (Mirrored& m : observers->all[static_cast<size_t>(i)].mirrored) {
+        m.own_of_groups.assign(groups_, dvec3(0));
         // Few rays stand for all of a metal: highlights much narrower than what one stands for would be missed or
         // found by chance.
         double half_angle = std::sqrt(1 / (kPi * observers->density(observers->directions[m.ray].z)));
         dvec3 left(1);
         for (const auto& [ray, hit] : m.metals) {
           const double apart = facets_apart(surfaces_, ray, hit, std::min(half_angle, kWidestCone));
-          m.own += left * lit.reflected(ray, hit, apart);
+          m.own += left * lit.reflected(ray, hit, apart, of_groups);
+          for (size_t g = 0; g < groups_; ++g) m.own_of_groups[g] += left * of_groups[g];
           left *= surfaces_.bsdf(hit).albedo;
           half_angle = 2 * apart;
         }
       }
     });
-  find_bright(radiosity);
-  std::vector<Flux> arriving(light_.size());
-  send(radiosity, /*bright=*/true, nodes, arriving, into_media_, task);
-  send(later_reflections(arriving, task), /*bright=*/false, nodes, arriving, into_media_, task);
-  for (size_t i = 0; i < light_.size(); ++i) light_[i].reflected = arriving[i];
+  find_bright(radiosity.all);
+  Arriving arriving = nothing_arriving();
+  arriving.at_probes = std::move(into_media_);
+  send(radiosity, /*bright=*/true, nodes, arriving, task);
+  send(later_reflections(arriving.at_points, arriving.at_points_of_groups, task), /*bright=*/false, nodes, arriving,
+       task);
+  for (size_t i = 0; i < light_.size(); ++i) light_[i].reflected = arriving.at_points[i];
+  reflected_of_groups_ = std::move(arriving.at_points_of_groups);
+  into_media_ = std::move(arriving.at_probes);
+  into_media_of_groups_ = std::move(arriving.at_probes_of_groups);
 }
 
 void SurfaceLight::answer(const AmbientLight& nodes, const Task& task) {
   constexpr double kLargestRatio = 0.95;
-  std::vector<Flux> scattered(light_.size()), arriving(light_.size());
+  std::vector<Flux> scattered(light_.size());
   parallel_for(static_cast<int>(light_.size()), quiet(task), [&](int i) {
     const Observer& observer = at_points_.all[static_cast<size_t>(i)];
     for (size_t k = 0; k < at_points_.directions.size(); ++k) {
@@ -444,21 +496,36 @@ void SurfaceLight::answer(const AmbientLight& nodes, const Task& task) {
                                             d);
     }
   });
-  std::vector<AtProbe> more(into_media_.size());
-  send(later_reflections(scattered, task), /*bright=*/false, nodes, arriving, more, task);
+  Arriving more = nothing_arriving();
+  const std::vector<Flux> of_no_group(light_.size() * groups_);
+  send(later_reflections(scattered, of_no_group, task), /*bright=*/false, nodes, more, task);
   double before = 0, after = 0;
-  for (size_t i = 0; i < more.size(); ++i) {
+  for (size_t i = 0; i < into_media_.size(); ++i) {
     before += in_colour(into_media_[i].mean, kGrey);
-    after += in_colour(more[i].mean, kGrey);
+    after += in_colour(more.at_probes[i].mean, kGrey);
   }
-  // Each time as much less.
+  // Each time as much less; of each light group as much of what there is.
   const double times = before > 0 ? 1 / (1 - std::min(after / before, kLargestRatio)) : 0;
-  for (size_t i = 0; i < more.size(); ++i) {
-    into_media_[i].mean += times * more[i].mean;
-    for (size_t a = 0; a < 3; ++a) into_media_[i].flux.axis[a] += times * more[i].flux.axis[a];
+  const auto grown = [](const dvec3& from, const dvec3& to) {
+    dvec3 ratio(1);
+    for (int c = 0; c < 3; ++c)
+      if (from[c] > 0) ratio[c] = to[c] / from[c];
+    return ratio;
+  };
+  for (size_t i = 0; i < into_media_.size(); ++i) {
+    const dvec3 mean = into_media_[i].mean;
+    into_media_[i].mean += times * more.at_probes[i].mean;
+    for (size_t a = 0; a < 3; ++a) into_media_[i].flux.axis[a] += times * more.at_probes[i].flux.axis[a];
+    for (size_t g = 0; g < groups_; ++g) into_media_of_groups_[i * groups_ + g] *= grown(mean, into_media_[i].mean);
   }
-  for (size_t i = 0; i < light_.size(); ++i)
-    for (size_t a = 0; a < 3; ++a) light_[i].reflected.axis[a] += times * arriving[i].axis[a];
+  for (size_t i = 0; i < light_.size(); ++i) {
+    const dvec3& normal = points_.points()[i].normal;
+    const dvec3 reflected = light_[i].reflected.onto(normal);
+    for (size_t a = 0; a < 3; ++a) light_[i].reflected.axis[a] += times * more.at_points[i].axis[a];
+    const dvec3 ratio = grown(reflected, light_[i].reflected.onto(normal));
+    for (size_t g = 0; g < groups_; ++g)
+      for (dvec3& axis : reflected_of_groups_[i * groups_ + g].axis) axis *= ratio;
+  }
 }
 
 dvec3 SurfaceLight::colour() const {
@@ -477,8 +544,30 @@ std::array<double, 4> SurfaceLight::at(const dvec3& world, GuideColour colour) c
   return moments;
 }
 
-SurfaceLight::Around SurfaceLight::onto(const dvec3& p, const dvec3& normal) const {
+void SurfaceLight::shares(const dvec3& world, std::span<dvec3> of_groups) const {
+  std::fill(of_groups.begin(), of_groups.end(), dvec3(0));
+  dvec3 sum(0);
+  each_probe(world, [&](size_t probe, double weight) {
+    sum += weight * into_media_[probe].mean;
+    for (size_t g = 0; g < of_groups.size(); ++g) of_groups[g] += weight * into_media_of_groups_[probe * groups_ + g];
+  });
+  for (dvec3& own : of_groups)
+    for (int c = 0; c < 3; ++c) own[c] = sum[c] > 0 ? own[c] / sum[c] : 0.0;
+}
+
+SurfaceLight::Around SurfaceLight::onto(const dvec3& p, const dvec3& normal, std::span<dvec3> of_groups) const {
   const SurfacePoints::Around around = points_.around(p, normal);
+  for (size_t g = 0; g < of_groups.size(); ++g) {
+    Flux own;
+    for (size_t k = 0; k < around.count; ++k) {
+      const size_t at = static_cast<size_t>(around.point[k]) * groups_ + g;
+      for (size_t a = 0; a < 3; ++a) {
+        own.axis[a] += around.weight[k] * scattered_of_groups_[at].axis[a];
+        if (!reflected_of_groups_.empty()) own.axis[a] += around.weight[k] * reflected_of_groups_[at].axis[a];
+      }
+    }
+    of_groups[g] = own.onto(normal);
+  }
   AtPoint mean;
   for (size_t k = 0; k < around.count; ++k) {
     const AtPoint& own = light_[static_cast<size_t>(around.point[k])];

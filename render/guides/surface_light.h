@@ -1,5 +1,6 @@
 #pragma once
 #include <array>
+#include <span>
 #include <utility>
 #include <vector>
 
@@ -31,10 +32,14 @@ class SurfaceLight {
   struct Around {
     dvec3 sky{0}, emitted{0}, scattered{0}, reflected{0};
   };
-  Around onto(const dvec3& p, const dvec3& normal) const;
+  /// @param of_groups  gets what of `scattered` and `reflected` together is of each light group, or nothing
+  Around onto(const dvec3& p, const dvec3& normal, std::span<dvec3> of_groups = {}) const;
+  /// RGB shares that light groups have of the light that surfaces send to a place in the media.
+  void shares(const dvec3& world, std::span<dvec3> of_groups) const;
 
   /// Finds what of the sky's and the nodes' light is at the points; called again when nodes have got more of it.
-  void gather(const AmbientLight& nodes, const SkyParts& sky, const Task& task);
+  /// @param sky_group  the sky's light group, or -1
+  void gather(const AmbientLight& nodes, const SkyParts& sky, int sky_group, const Task& task);
   /// Finds what surfaces reflect of all that lights them from elsewhere.
   void exchange(const LitSurfaces& lit, const AmbientLight& nodes, const Task& task);
   /// Adds what they reflect of their own light after media have scattered it, any number of times.
@@ -66,8 +71,9 @@ class SurfaceLight {
     size_t ray;
     std::vector<std::pair<Ray, SurfaceHit>> metals = {};  ///< one behind the other
     dvec3 own{0};                                         ///< what they send of lights that shine on them
-    dvec3 share{1};                                       ///< of what is seen in them
-    int point = kBlack;                                   ///< that is
+    std::vector<dvec3> own_of_groups = {};
+    dvec3 share{1};      ///< of what is seen in them
+    int point = kBlack;  ///< that is
   };
   struct Observer {
     dvec3 p;
@@ -109,6 +115,18 @@ class SurfaceLight {
     Flux flux;
   };
 
+  /// What points send, and what arrives of it at points and probes; of all light, and of each light group: those of
+  /// one point after the other.
+  struct Radiosity {
+    std::vector<dvec3> all, of_groups;
+  };
+  struct Arriving {
+    std::vector<Flux> at_points, at_points_of_groups;
+    std::vector<AtProbe> at_probes;
+    std::vector<dvec3> at_probes_of_groups;  ///< their means
+  };
+  Arriving nothing_arriving() const;
+
   /// Puts probes where media are, as close together as their number allows.
   void place_probes(const GuideMedia& media, const AmbientLight& nodes);
   /// Calls visit(probe, weight), of sum 1, for the probes around a place.
@@ -117,13 +135,14 @@ class SurfaceLight {
   void look(Observers& observers, const Surfaces& surfaces, const AmbientLight& nodes, const Task& task);
   void find_sky_seen();
   void find_bright(const std::vector<dvec3>& radiosity);
+  Radiosity black() const;
   template <class Visit>
   void each_ray(const Observers& observers, size_t i, const Visit& visit) const;
   /// Adds what surfaces of a radiosity send to the points and probes. @param bright  look at bright parts
-  void send(const std::vector<dvec3>& radiosity, bool bright, const AmbientLight& nodes, std::vector<Flux>& to_points,
-            std::vector<AtProbe>& to_probes, const Task& task) const;
+  void send(const Radiosity& radiosity, bool bright, const AmbientLight& nodes, Arriving& to, const Task& task) const;
   /// All later reflections of light that arrives at the points.
-  std::vector<dvec3> later_reflections(const std::vector<Flux>& arriving, const Task& task) const;
+  Radiosity later_reflections(const std::vector<Flux>& arriving, const std::vector<Flux>& of_groups,
+                              const Task& task) const;
 
   const Surfaces& surfaces_;
   SurfacePoints points_;
@@ -132,6 +151,9 @@ class SurfaceLight {
   Observers at_points_{/*at_surfaces=*/true}, at_probes_{/*at_surfaces=*/false};
   std::vector<AtPoint> light_;
   std::vector<AtProbe> into_media_;
+  size_t groups_;
+  std::vector<Flux> scattered_of_groups_, reflected_of_groups_;  // of AtPoint's; those of one point after the other
+  std::vector<dvec3> into_media_of_groups_;                      // means, of one probe after the other
   std::vector<double> looked_at_;  // rays towards each point, per area around it; 0: it is not bright
   std::vector<size_t> bright_;     // points that there are such rays towards
   SkySeen sky_seen_{};

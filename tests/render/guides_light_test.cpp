@@ -4,8 +4,11 @@
 
 #include <cmath>
 #include <memory>
+#include <string>
+#include <string_view>
 
 #include "base/rng.h"
+#include "image/light_layers.h"
 #include "render/guides/guides.h"
 #include "render/guides/light_fields.h"
 #include "render/guides/lit_surface.h"
@@ -183,6 +186,60 @@ TEST(EmittingMeshes, ARingLightsTheFloorBelowItsMiddleAsTheClosedForm) {
   const dvec3 p = dvec3(0, 0, 0.2 - kH + 1e-6) - solved.scene.world_shift();
   // A tube of twelve sides is narrower by sin(x) / x, x = 15 degrees, on average.
   EXPECT_NEAR(solved.irradiance(p, {0, 0, 1}) / (0.9886 * expected), 1.0, 0.02);
+}
+
+double mean_of(const Layers& frame, const std::string& layer, size_t channel) {
+  double sum = 0;
+  for (int y = 0; y < frame.height(); ++y)
+    for (int x = 0; x < frame.width(); ++x)
+      sum += static_cast<double>(frame.at(layer + "." + "RGB"[channel])(x, y)) / (frame.width() * frame.height());
+  return sum;
+}
+
+// A sun, a red lamp and a sky above a floor and a wall with haze between them: what surfaces and media send one another
+// of each is what they send where it is alone, and all of them together are the whole.
+TEST(LightGroups, AmongSurfacesArePredictedAsTheirLightsAlone) {
+  Scene scene = haze(0.4, 1.5, 0.9);
+  scene.camera.position = {1.6, -2.2, 1.3};
+  scene.camera.fov = 40;
+  scene.environment.radiance = dvec3(0.1, 0.15, 0.3);
+  scene.surfaces.push_back(floor_of(1.5, -0.45, 0.6));
+  scene.surfaces.push_back(quads({{dvec3(-0.6, -1.5, -0.45), dvec3(0, 3, 0), dvec3(0, 0, 1.5)}}, 0.7));
+  LightSettings sun, lamp;
+  sun.type = "sun";
+  sun.direction = {0.6, -0.5, 0.7};
+  sun.irradiance = dvec3(2);
+  lamp.type = "sphere";
+  lamp.position = {0.2, 0.9, 0.5};
+  lamp.radius = 0.1;
+  lamp.radiance = {20, 6, 3};
+  scene.lights = {sun, lamp};
+  const auto guides_of = [](const Scene& s) {
+    return PreparedScene(s, LayerRequest::of({"guides"}, false)).render(1, 1).layers;
+  };
+  const Layers without = guides_of(scene);
+  scene.render.light_groups = true;
+  const Layers frame = guides_of(scene);
+  const auto group = [](const char* name) { return predicted_light_layer(name, "indirect"); };
+  for (size_t c = 0; c < 3; ++c)
+    for (int y = 0; y < frame.height(); ++y)
+      for (int x = 0; x < frame.width(); ++x) {
+        const auto at = [&](const std::string& layer) { return frame.at(layer + "." + "RGB"[c])(x, y); };
+        const float whole = at("guide.predicted_indirect");
+        ASSERT_EQ(whole, without.at(std::string("guide.predicted_indirect.") + "RGB"[c])(x, y)) << "the picture's bits";
+        ASSERT_NEAR(at(group("sky")) + at(group("sun")) + at(group("sphere")), whole, 0.01 * whole + 1e-6);
+      }
+  for (const char* const name : {"sky", "sun", "sphere"}) {
+    Scene alone = scene;
+    alone.render.light_groups = false;
+    if (std::string_view(name) != "sky") alone.environment.radiance = dvec3(0);
+    if (std::string_view(name) != "sun") alone.lights[0].irradiance = dvec3(0);
+    if (std::string_view(name) != "sphere") alone.lights[1].radiance = dvec3(0);
+    const Layers expected = guides_of(alone);
+    for (size_t c = 0; c < 3; ++c)
+      EXPECT_NEAR(mean_of(frame, group(name), c) / mean_of(expected, "guide.predicted_indirect", c), 1.0, 0.05)
+          << name << " " << c;
+  }
 }
 
 // Around thin haze, against the tracer: scattered once, near the ring and far from it. Nodes outside of the haze are
