@@ -11,8 +11,7 @@
 namespace brume {
 namespace {
 
-// Of the depth towards a sun; fewer where many instances lie far apart, each of which is but a few nodes wide.
-constexpr size_t kMostSunNodes = 16000000, kMostSunNodesOfInstances = 5000000;
+constexpr size_t kMostSunNodes = 16000000;  // of the depth towards a sun
 
 template <class... Answers>
 struct Answer : Answers... {
@@ -219,8 +218,7 @@ Radiance SunLight::arriving(const LightSolve& solve) {
   for (const GuideMedia& m : solve.times) {
     const std::optional<dvec3> moved = depth_.empty() ? std::nullopt : m.moved_since(solve.times[0]);
     depth_.push_back(moved ? depth_[0].moved(*moved)
-                           : SunDepth(m, solve.colour, towards(), m.voxel(),
-                                      m.instances() ? kMostSunNodesOfInstances : kMostSunNodes, solve.task));
+                           : SunDepth(m, solve.colour, towards(), m.voxel(), kMostSunNodes, solve.task));
   }
   const ScatteringSolver& solver = solve.solver;
   lattice_ = solver.lattice();
