@@ -22,7 +22,7 @@ constexpr double kNodesPerPixel = 12, kFewestNodes = 2.5e5;
 constexpr double kMostNodes = 1e6, kMostNodesInDetail = 4e6;
 // Around instances alone: the more of them, the less a lattice around all can tell of each. Their shadows, which show
 // most, are in the finer SunDepth.
-constexpr double kFewestAmongInstances = 7.5e4, kNodesTimesInstances = 1.5e7;
+constexpr double kFewestAmongInstances = 1e5, kNodesTimesInstances = 1e8;
 constexpr double kHomogeneousNodes = 12, kSurfaceNodes = 6;    // of a graded lattice across them, at least
 constexpr size_t kMostRegions = 256;                           // that are told apart
 constexpr double kGradedShare = 0.25, kMostGradedShare = 0.5;  // of the nodes of an even lattice that it has

@@ -11,7 +11,8 @@
 namespace brume {
 namespace {
 
-constexpr size_t kMostSunNodes = 16000000;  // of the depth towards a sun
+// Of the depth towards a sun; among instances as many as they may take beside one volume's memory.
+constexpr size_t kMostSunNodes = 16000000, kMostSunNodesOfInstances = 14000000;
 
 template <class... Answers>
 struct Answer : Answers... {
@@ -218,7 +219,8 @@ Radiance SunLight::arriving(const LightSolve& solve) {
   for (const GuideMedia& m : solve.times) {
     const std::optional<dvec3> moved = depth_.empty() ? std::nullopt : m.moved_since(solve.times[0]);
     depth_.push_back(moved ? depth_[0].moved(*moved)
-                           : SunDepth(m, solve.colour, towards(), m.voxel(), kMostSunNodes, solve.task));
+                           : SunDepth(m, solve.colour, towards(), m.voxel(),
+                                      m.instances() ? kMostSunNodesOfInstances : kMostSunNodes, solve.task));
   }
   const ScatteringSolver& solver = solve.solver;
   lattice_ = solver.lattice();
