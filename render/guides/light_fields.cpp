@@ -20,6 +20,9 @@ constexpr double kVoxelsPerNode = 2, kMostVoxelsPerNode = 4, kFreePathsPerNode =
 // Of them at a detail of 1, where media are large: as many for each pixel, within limits.
 constexpr double kNodesPerPixel = 12, kFewestNodes = 2.5e5;
 constexpr double kMostNodes = 1e6, kMostNodesInDetail = 4e6;
+// Around instances alone: the more of them, the less a lattice around all can tell of each. Their shadows, which show
+// most, are in the finer SunDepth.
+constexpr double kFewestAmongInstances = 1e5, kNodesTimesInstances = 1e8;
 constexpr double kHomogeneousNodes = 12, kSurfaceNodes = 6;    // of a graded lattice across them, at least
 constexpr size_t kMostRegions = 256;                           // that are told apart
 constexpr double kGradedShare = 0.25, kMostGradedShare = 0.5;  // of the nodes of an even lattice that it has
@@ -188,6 +191,16 @@ class TailSum {
   std::vector<double> first_, weights_;        // products of the changes with the first one; weights of the orders
 };
 
+/// The nodes of a lattice around media of which each stands at many places; others have as many as they had.
+double most_among_instances(const GuideMedia& media, double most) {
+  double instances = 0;
+  for (const Medium& m : media.media()) {
+    if (!m.instances()) return most;
+    instances += static_cast<double>(m.instances()->size());
+  }
+  return std::min(most, std::max(kFewestAmongInstances, kNodesTimesInstances / instances));
+}
+
 }  // namespace
 
 double LightFields::most_nodes(double pixels) {
@@ -200,7 +213,9 @@ LightFields::LightFields(const std::vector<GuideMedia>& times, const Lights& lig
   const GuideMedia& media = times[times.size() / 2];
   const double wanted = kFreePathsPerNode * free_path(media, colour, task) / media.voxel();
   const double voxels = std::clamp(wanted, kVoxelsPerNode, kMostVoxelsPerNode) / detail;
-  double most = std::min(most_nodes(pixels) * detail * detail * detail, kMostNodesInDetail);
+  double most = most_nodes(pixels);
+  if (media.instances() && media.emissions().empty()) most = most_among_instances(media, most);
+  most = std::min(most * detail * detail * detail, kMostNodesInDetail);
   const auto lattice = [&] {
     return Lattice::over(media.lo(), media.hi(), voxels * media.voxel(), static_cast<size_t>(most));
   };

@@ -11,8 +11,8 @@
 namespace brume {
 namespace {
 
-// Of the depth towards a sun; fewer where many instances lie far apart, each of which is but a few nodes wide.
-constexpr size_t kMostSunNodes = 16000000, kMostSunNodesOfInstances = 5000000;
+// Of the depth towards a sun; among instances as many as they may take beside one volume's memory.
+constexpr size_t kMostSunNodes = 16000000, kMostSunNodesOfInstances = 14000000;
 
 template <class... Answers>
 struct Answer : Answers... {

@@ -279,5 +279,18 @@ TEST(InstancesOfScenes, HaveTheGuidesOfAsManyVolumes) {
   }
 }
 
+// However large the picture: their light has 100,000 nodes of less than 200 bytes, which would be 1,000,000.
+TEST(InstancesOfScenes, HaveGuidesOfBoundedSize) {
+  Scene scene = test::scene_of(test::source("data/volumes/cloud.vdb"), 8, 0.99, 0.5);
+  scene.environment.radiance = dvec3(0.3);
+  scene.film.width = scene.film.height = 300;
+  auto list = std::make_shared<InstanceList>();
+  for (int i = 0; i < 2025; ++i) list->matrices.push_back(translation(3.0 * dvec3(i % 45, i / 45, 0)));
+  scene.instances.emplace_back();
+  scene.instances[0].arrays = list;
+  const PreparedScene prepared(scene, LayerRequest::of({"guides"}, false));
+  EXPECT_LT(prepared.guides(4)->bytes(), size_t{20'000'000});
+}
+
 }  // namespace
 }  // namespace brume
