@@ -58,7 +58,7 @@ class Frustum : public ::testing::Test {
   template <class Check>
   static int each_inside(const dmat4& world_from_index, const BrickGrid& bricks, const Check& check) {
     const auto map = frustum();
-    const ivec3 lo = bricks.origin(), size = bricks.extent() + 1;
+    const ivec3 lo = bricks.origin(), size = ivec3(bricks.support_hi()) + 1;
     int inside = 0;
     for (int x = 0; x < size.x; ++x)
       for (int y = 0; y < size.y; ++y)
@@ -107,17 +107,19 @@ TEST_F(Frustum, KeepsItsMassAndItsEmptySpace) {
   const auto& map = half->transform();
   for (auto it = half->beginValueOn(); it; ++it) {
     const Vec3d at = it.getCoord().asVec3d();
-    if (it.getCoord().z() < 6 || it.getCoord().z() > 30)
-      it.setValueOff(), it.setValue(0), it.setValueOff();
-    else
+    if (it.getCoord().z() < 6 || it.getCoord().z() > 30) {
+      it.setValue(0);
+      it.setValueOff();
+    } else {
       mass += static_cast<double>(*it) * std::abs(map.baseMap()->determinant(at));
+    }
   }
   write({half});
   const ScalarField field = load_scalar(path_, {});
   const dmat4& m = field.world_from_index;
   const double cube = std::abs(glm::determinant(dmat3(m)));
   double sampled = 0;
-  const ivec3 size = field.bricks.extent() + 1;
+  const ivec3 size = field.ivec3(bricks.support_hi()) + 1;
   for (int x = 0; x < size.x; ++x)
     for (int y = 0; y < size.y; ++y)
       for (int z = 0; z < size.z; ++z) sampled += cube * static_cast<double>(field.bricks.voxel({x, y, z}));
