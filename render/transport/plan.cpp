@@ -30,7 +30,7 @@ Precision precision_for(const Medium& m) {
 
 namespace {
 
-constexpr double kSeldomFound = 0.5;
+constexpr double kSeldomFound = 0.02;
 
 /// Whether most of a medium is so far from a field that emits that directions drawn by the phase function seldom find
 /// it.

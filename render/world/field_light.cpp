@@ -10,7 +10,7 @@ namespace brume {
 namespace {
 
 /// Where both techniques are about as good: at so many mean square distances of its light from its centre.
-constexpr double kNear = 16;
+constexpr double kNear = 2;
 
 double volume_of(const Medium& shape) {
   const HomogeneousShape& s = *shape.homogeneous();
