@@ -30,7 +30,7 @@ Precision precision_for(const Medium& m) {
 
 namespace {
 
-constexpr double kSeldomFound = 0.02;
+constexpr double kSeldomFound = 0.2;
 
 /// Whether most of a medium is so far from a field that emits that directions drawn by the phase function seldom find
 /// it.
@@ -98,6 +98,8 @@ Plan make_plan(const Scene& scene, const SceneMedia& media, const Lights& lights
   // In the one grid paths know no world, and forced first collisions gain more. Records have no place for such light.
   if (!plan.one_grid && !plan.holdouts && !plan.moving_media && !layers.records)
     plan.lit_balls = choose_lit_balls(all, lights, plan.near_lights, scene.render.near_lights);
+  // Points of lit balls are weighed against directions of phase functions and BSDFs alone.
+  plan.aims_at_fire = plan.light_sampling && plan.lit_balls.empty() && !plan.layers.records;
   plan.seen_emission =
       plan.emission && plan.has_media() && !plan.moving_media && !plan.instances &&
       std::find(plan.media.begin(), plan.media.end(), Precision::kDouble) == plan.media.end() &&

@@ -5,6 +5,7 @@
 #include <hwy/foreach_target.h>
 #include <hwy/highway.h>
 
+#include <array>
 #include <bit>
 #include <cmath>
 #include <cstring>
@@ -44,6 +45,8 @@ class Collisions {
     // Angles are measured from the phase function's peak: a negative g is the positive one, mirrored.
     peak_ = gather3(paths.d, slot_) * (scene.g < 0 ? -1.0f : 1.0f);
     throughput_ = gather3(paths.throughput, slot_) * albedo();
+    if (scene.aims_at_fields)
+      for (size_t lane = 0; lane < valid_; ++lane) cones_[lane] = scene.lights->field_cones(position(lane));
   }
 
   /// Samples one light. @param shadows  gets those that are worth a shadow ray
@@ -58,7 +61,7 @@ class Collisions {
     const M chosen = sample_suns(choice, u1, u2, s);
     if (scene_.environment || scene_.lights) sample_others(valid_bits_ & ~bits_of(chosen), choice, u1, u2, s);
     const V phase = phase_towards(s.wi);
-    const V mis = hn::IfThenElse(s.delta, one, s.pdf / (s.pdf + phase));
+    const V mis = hn::IfThenElse(s.delta, one, s.pdf / (s.pdf + density(phase, s.wi)));
     const V factor = hn::IfThenElseZero(s.pdf > zero, phase * mis / s.pdf);
     const V3 contribution = throughput_ * s.light * factor;
     scatter3(contribution, paths_.contribution, slot_);
@@ -110,8 +113,11 @@ class Collisions {
                             : sample_henyey_greenstein(g_, xi);
     const V sin_theta = hn::Sqrt(hn::Max(one_minus * (2.0f - one_minus), hn::Zero(D())));
     const SinCosV phi = sincos_2pi(rng_.uniform(everyone_));
-    const V3 turned = around(peak_, sin_theta * phi.cos, sin_theta * phi.sin, one - one_minus);
-    put(phase_towards(turned), paths_.pdf);
+    V3 turned = around(peak_, sin_theta * phi.cos, sin_theta * phi.sin, one - one_minus);
+    if (scene_.aims_at_fields) aim(turned);
+    const V phase = phase_towards(turned), pdf = density(phase, turned);
+    if (scene_.aims_at_fields) throughput_ = throughput_ * (phase / pdf);
+    put(pdf, paths_.pdf);
     scatter3(turned, paths_.d, slot_);
     if (scene_.keeps_local) scatter3(transform(scene_.local_from_world, turned), paths_.flight.d, slot_);
     scatter3(throughput_, paths_.throughput, slot_);
@@ -148,6 +154,30 @@ class Collisions {
     const V one_minus = one_minus_cos(peak_, wi);
     if (!scene_.phase) return henyey_greenstein(g_, one_minus);
     return each_lane(one_minus, valid_, [&](double x) { return scene_.phase->value(1.0 - x); });
+  }
+
+  /// The density of a new direction. @param phase  of the phase function
+  HWY_INLINE V density(V phase, const V3& wi) const {
+    if (!scene_.aims_at_fields) return phase;
+    HWY_ALIGN Lanes pdf;
+    Lanes3 d;
+    hn::Store(phase, D(), pdf);
+    d.store(wi);
+    for (size_t lane = 0; lane < valid_; ++lane)
+      pdf[lane] = static_cast<float>(cones_[lane].mixed(static_cast<double>(pdf[lane]), dvec3(d[lane])));
+    return hn::Load(D(), pdf);
+  }
+
+  /// Turns some directions towards fields that emit.
+  HWY_INLINE void aim(V3& turned) {
+    HWY_ALIGN Lanes aims, choice, x, y;
+    for (float* const u : {aims, choice, x, y}) hn::Store(rng_.uniform(everyone_), D(), u);
+    Lanes3 d;
+    d.store(turned);
+    for (size_t lane = 0; lane < valid_; ++lane)
+      if (static_cast<double>(aims[lane]) < cones_[lane].share())
+        d.set(lane, vec3(cones_[lane].sample(static_cast<double>(choice[lane]), dvec2(x[lane], y[lane]))));
+    turned = d.load();
   }
 
   HWY_INLINE dvec3 position(size_t lane) const {
@@ -249,6 +279,7 @@ class Collisions {
   Generator rng_;
   float g_;
   V3 peak_ = zero3(), throughput_ = peak_;
+  std::array<FieldCones, hn::MaxLanes(D())> cones_;  // where LaneScene::aims_at_fields
 };
 
 void Scatter(const LaneScene& scene, PathStates& paths, SlotList& slots, SlotList& shadows, SlotList& alive,

@@ -3,6 +3,7 @@
 #include <algorithm>
 #include <bit>
 #include <cmath>
+#include <utility>
 
 #include "base/parallel_for.h"
 
@@ -10,7 +11,7 @@ namespace brume {
 namespace {
 
 /// Where both techniques are about as good: at so many mean square distances of its light from its centre.
-constexpr double kNear = 2;
+constexpr double kNear = 16;
 
 double volume_of(const Medium& shape) {
   const HomogeneousShape& s = *shape.homogeneous();
@@ -40,6 +41,7 @@ FieldLight::FieldLight(const EmissionField& field, const Task& task) : field_(fi
     const dvec3 across = shape.to_world(edge) - shape.to_world(dvec3(0));
     spread_ += per_axis * glm::dot(across, across);
   }
+  balls_ = FieldBalls({{intensity_, centre_, spread_}});
 }
 
 /// The power of each voxel, from the emission at its corners.
@@ -85,6 +87,7 @@ void FieldLight::measure_bricks(const Task& task) {
       }
   });
   Moments all;
+  std::vector<FieldBalls::Glow> glows;
   ivec3 c;
   for (c.x = 0; c.x < grid.cells().x; ++c.x)
     for (c.y = 0; c.y < grid.cells().y; ++c.y)
@@ -98,6 +101,9 @@ void FieldLight::measure_bricks(const Task& task) {
         all.first += own.sum * corner + own.first;
         all.second += own.sum * glm::dot(corner, corner) + 2.0 * glm::dot(corner, own.first) + own.second;
         cells_.push_back({c, all.sum});
+        const dvec3 middle = own.first / own.sum;
+        glows.push_back({own.sum * shape.voxel_volume(), corner + middle,
+                          std::max(0.0, own.second / own.sum - glm::dot(middle, middle))});
       }
   if (!(all.sum > 0)) return;
   const double voxel = shape.voxel_volume();
@@ -107,6 +113,7 @@ void FieldLight::measure_bricks(const Task& task) {
   spread_ = std::max(0.0, all.second / all.sum - glm::dot(centre_, centre_));
   const auto scale = static_cast<float>(length_ / intensity_);
   for (float& d : densities_) d *= scale;
+  balls_ = FieldBalls(std::move(glows));
 }
 
 double FieldLight::seldom_found(const dvec3& p, double spread) const {

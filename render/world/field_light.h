@@ -2,6 +2,7 @@
 #include <vector>
 
 #include "base/progress.h"
+#include "render/world/field_cones.h"
 #include "render/world/light.h"
 #include "volume/emission.h"
 
@@ -40,6 +41,9 @@ class FieldLight final : public Light {
   /// How far a ray through the field shines, typically: the edge of a cube of as much even emission.
   double length() const { return length_; }
 
+  /// Around what emits in it.
+  const FieldBalls& balls() const { return balls_; }
+
  private:
   struct LitCell {
     ivec3 cell;
@@ -55,6 +59,7 @@ class FieldLight final : public Light {
   double length_ = 0;
   dvec3 centre_{0};
   double spread_ = 0;  // mean square distance from the centre
+  FieldBalls balls_;
 };
 
 }  // namespace brume

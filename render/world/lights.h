@@ -8,6 +8,7 @@
 
 #include "render/scene/light_groups.h"
 #include "render/world/environment.h"
+#include "render/world/field_cones.h"
 #include "render/world/field_light.h"
 #include "render/world/light_kinds.h"
 #include "render/world/light_tree.h"
@@ -27,6 +28,8 @@ class LightChoice {
   LightSample sample(const dvec3& p, double choice, const dvec2& u) const;
   /// Probability that sample() picks the light from p; 0 for one that is never picked.
   double probability(const Light& light, const dvec3& p) const;
+  /// Sum of the importance of all of them.
+  double importance(const dvec3& p) const;
 
  private:
   double single_total(const dvec3& p) const;
@@ -108,6 +111,8 @@ class Lights {
   bool any_delta() const;
   /// What a vertex chooses among. @param fields  whether it samples fields that emit
   const LightChoice& choice(bool fields = true) const { return fields ? all_choice_ : choice_without_fields_; }
+  /// Directions from a point to fields that emit. @param normal  of a surface that scatters to one side; 0: to all
+  FieldCones field_cones(const dvec3& p, const dvec3& normal = dvec3(0)) const;
   /// A sample of the choice without radiance where another finite light is in the way.
   LightSample sample_visible(const dvec3& p, double choice, const dvec2& u, bool fields) const;
   /// Lights of no power, and what the environment has to say.
