@@ -103,7 +103,7 @@ void FieldLight::measure_bricks(const Task& task) {
         cells_.push_back({c, all.sum});
         const dvec3 middle = own.first / own.sum;
         glows.push_back({own.sum * shape.voxel_volume(), corner + middle,
-                          std::max(0.0, own.second / own.sum - glm::dot(middle, middle))});
+                         std::max(0.0, own.second / own.sum - glm::dot(middle, middle))});
       }
   if (!(all.sum > 0)) return;
   const double voxel = shape.voxel_volume();

@@ -118,7 +118,7 @@ std::vector<std::pair<const char*, Scene>> scenes() {
   return {{"over a floor", fire([](Scene& s) {
              s.volumes.push_back(s.volumes[0]);
              s.volumes[1].temperature_grid = "none";
-             s.volumes[1].object_to_world[3] += dvec4(2.5, 0, 0, 0);
+             s.volumes[1].object_to_world[3] += glm::dvec4(2.5, 0, 0, 0);
              s.volumes[1].albedo = dvec3(0.8);
              s.camera.fov = 50;
            })},
@@ -134,13 +134,10 @@ TEST(FieldCones, AimedPathsHaveTheMeansOfOthers) {
   for (const auto& [name, scene] : scenes()) {
     const PreparedScene prepared(scene, LayerRequest::of({"single", "surface", "indirect"}, true));
     ASSERT_TRUE(prepared.plan().aims_at_fire) << name;
-    const std::vector<Mean> aimed = means(prepared, [](Plan&) {}, 192, 1);
+    const std::vector<Mean> aimed = means(
+        prepared, [](Plan&) {}, 192, 1);
     const std::vector<Mean> others = means(
-        prepared,
-        [](Plan& plan) {
-          plan.aims_at_fire = false;
-        },
-        384, 2);
+        prepared, [](Plan& plan) { plan.aims_at_fire = false; }, 384, 2);
     for (size_t k = 0; k < aimed.size(); ++k) {
       const double error = std::sqrt(aimed[k].variance + others[k].variance);
       EXPECT_NEAR(aimed[k].value, others[k].value, 5 * error + 1e-9) << name << ": value " << k;
