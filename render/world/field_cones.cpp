@@ -90,7 +90,8 @@ void FieldBalls::add_cones(const dvec3& p, const dvec3& normal, FieldCones& cone
     if (!(squared > 0)) continue;
     const double sine2 = std::min(radius2 / squared, 1.0);
     const dvec3 axis = to / std::sqrt(squared);
-    const double faces = normal == dvec3(0) ? 1.0 : std::clamp(glm::dot(axis, normal) + std::sqrt(sine2), 0.0, 1.0);
+    const bool around = normal == dvec3(0) || sine2 == 1;
+    const double faces = around ? 1.0 : std::clamp(glm::dot(axis, normal) + std::sqrt(sine2), 0.0, 1.0);
     cones.add(axis, sine2 < 1 ? sine2 / (1 + std::sqrt(1 - sine2)) : 2.0, faces * ball.power / (squared + radius2));
   }
 }
