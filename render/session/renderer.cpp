@@ -33,7 +33,7 @@ PreparedScene::PreparedScene(Scene scene, const LayerRequest& layers, const Task
   lights_.set_emissions(media_.emission_volumes());
   const std::string& sampling = scene_.render.light_sampling;
   if (sampling != "none" && (!media_.media().empty() || surfaces_))
-    for (const EmissionField& field : media_.emissions()) lights_.add_field(field, task);
+    for (const EmissionField& field : media_.emissions()) lights_.add_field(field, media_.media(), task);
   // A shadow catcher gathers light by light sampling alone, so the constant sky takes part in it.
   lights_.finish(catcher && sampling == "auto" ? "all" : sampling);
   if (sampling == "none" && lights_.any_delta())

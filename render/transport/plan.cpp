@@ -99,7 +99,8 @@ Plan make_plan(const Scene& scene, const SceneMedia& media, const Lights& lights
   if (!plan.one_grid && !plan.holdouts && !plan.moving_media && !layers.records)
     plan.lit_balls = choose_lit_balls(all, lights, plan.near_lights, scene.render.near_lights);
   // Points of lit balls are weighed against directions of phase functions and BSDFs alone.
-  plan.aims_at_fire = plan.light_sampling && plan.lit_balls.empty() && !plan.layers.records;
+  plan.aims_at_fire =
+      plan.light_sampling && lights.any_scattered_field() && plan.lit_balls.empty() && !plan.layers.records;
   plan.seen_emission =
       plan.emission && plan.has_media() && !plan.moving_media && !plan.instances &&
       std::find(plan.media.begin(), plan.media.end(), Precision::kDouble) == plan.media.end() &&

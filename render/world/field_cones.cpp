@@ -3,12 +3,13 @@
 #include <cmath>
 
 #include "base/math.h"
+#include "base/rng.h"
 #include "render/world/light_kinds.h"
 
 namespace brume {
 namespace {
 
-// Where fire brings all the light, so many directions are drawn towards it.
+// Where fire brings all the light and its smoke scatters nearly all of that, so many directions are drawn towards it.
 constexpr double kMostShare = 0.3;
 
 // Balls of a field.
@@ -17,6 +18,9 @@ constexpr size_t kBalls = 8;
 // Radius of a ball over the root of the mean square distance of its light from its centre: 1.3 is a ball of even
 // emission. What is around it scatters its light.
 constexpr double kWidth = 1.5;
+
+// Points that tell a ball's optical depth.
+constexpr int kDepthPoints = 256;
 
 using Glow = FieldBalls::Glow;
 using Part = std::vector<Glow>::iterator;
@@ -40,6 +44,31 @@ struct Moments {
   double spread() const { return variance.x + variance.y + variance.z; }
 };
 
+/// Coefficient of scattering at a world point [1 / unit], at the shutter's start.
+double scattering(const dvec3& p, std::span<const Medium> media) {
+  double sum = 0;
+  for (const Medium& m : media)
+    m.each_around(p, [&](const Medium& one, size_t number) {
+      const dvec3 albedo = m.instances() ? m.albedo(number, p) : m.albedo(p);
+      sum += one.sigma_t(one.to_local(p)) * luminance(one.extinction_ratio() * albedo);
+    });
+  return sum;
+}
+
+/// Optical depth of scattering on a ball's mean chord.
+double scattering_depth(const dvec3& centre, double radius, std::span<const Medium> media) {
+  double sum = 0;
+  Rng rng(1);
+  for (int k = 0; k < kDepthPoints; ++k) {
+    dvec3 p;
+    do {
+      for (int a = 0; a < 3; ++a) p[a] = 2 * rng.uniform() - 1;
+    } while (glm::dot(p, p) > 1);
+    sum += scattering(centre + radius * p, media);
+  }
+  return sum / kDepthPoints * radius * 4 / 3;
+}
+
 }  // namespace
 
 dvec3 FieldCones::sample(double choice, const dvec2& u) const {
@@ -48,22 +77,32 @@ dvec3 FieldCones::sample(double choice, const dvec2& u) const {
   return sample_cone(cones_[k].axis, cones_[k].one_minus_cos, u);
 }
 
-void FieldCones::add(const dvec3& axis, double one_minus_cos, double irradiance) {
-  if (count_ == kMost || !(irradiance > 0)) return;
+void FieldCones::add(const dvec3& axis, double one_minus_cos, double irradiance, double scattered) {
   irradiance_ += irradiance;
-  cones_[count_++] = {axis, one_minus_cos, irradiance / (2 * kPi * one_minus_cos), irradiance_};
+  const double chosen = irradiance * scattered;
+  if (count_ == kMost || !(chosen > 0)) return;
+  scattered_ += chosen;
+  cones_[count_++] = {axis, one_minus_cos, chosen / (2 * kPi * one_minus_cos), scattered_};
 }
 
 void FieldCones::finish(double others) {
   for (size_t k = 0; k < count_; ++k) {
-    cones_[k].density /= irradiance_;
-    cones_[k].chosen /= irradiance_;
+    cones_[k].density /= scattered_;
+    cones_[k].chosen /= scattered_;
   }
-  share_ = kMostShare * irradiance_ / (irradiance_ + others);
+  share_ = kMostShare * scattered_ / (irradiance_ + others);
 }
 
-FieldBalls::FieldBalls(std::vector<Glow> light) {
+FieldBalls::FieldBalls(std::vector<Glow> light, std::span<const Medium> media) {
   if (!light.empty()) divide(light.begin(), light.end(), kBalls);
+  for (Ball& ball : balls_) {
+    const double depth = scattering_depth(ball.centre, ball.radius, media);
+    ball.scattered = depth / (1 + depth);
+  }
+}
+
+bool FieldBalls::scatter() const {
+  return std::any_of(balls_.begin(), balls_.end(), [](const Ball& ball) { return ball.scattered > 0; });
 }
 
 /// Divides light at its middle, across the axis along which it extends most, into so many parts of equal power.
@@ -92,7 +131,8 @@ void FieldBalls::add_cones(const dvec3& p, const dvec3& normal, FieldCones& cone
     const dvec3 axis = to / std::sqrt(squared);
     const bool around = normal == dvec3(0) || sine2 == 1;
     const double faces = around ? 1.0 : std::clamp(glm::dot(axis, normal) + std::sqrt(sine2), 0.0, 1.0);
-    cones.add(axis, sine2 < 1 ? sine2 / (1 + std::sqrt(1 - sine2)) : 2.0, faces * ball.power / (squared + radius2));
+    cones.add(axis, sine2 < 1 ? sine2 / (1 + std::sqrt(1 - sine2)) : 2.0, faces * ball.power / (squared + radius2),
+              ball.scattered);
   }
 }
 

@@ -2,13 +2,16 @@
 #include <algorithm>
 #include <array>
 #include <cstddef>
+#include <span>
 #include <vector>
 
 #include "base/vec.h"
+#include "volume/medium.h"
 
 namespace brume {
 
-/// Directions from a point to where fields emit: uniform in the cones that balls around their light subtend.
+/// Directions from a point to smoke that scatters the light of fields that emit: uniform in the cones that balls around
+/// their light subtend.
 class FieldCones {
  public:
   bool empty() const { return count_ == 0; }
@@ -25,8 +28,9 @@ class FieldCones {
   /// Density of a new direction, where that of the phase function or BSDF is `other`.
   double mixed(double other, const dvec3& d) const { return share_ > 0 ? other + share_ * (pdf(d) - other) : other; }
 
-  /// @param irradiance  that comes from there, about
-  void add(const dvec3& axis, double one_minus_cos, double irradiance);
+  /// @param irradiance  that comes from what the field emits there, about
+  /// @param scattered   as a share of that, what comes from there scattered
+  void add(const dvec3& axis, double one_minus_cos, double irradiance, double scattered);
   /// After the last one. @param others  irradiance of everything else that shines, about
   void finish(double others);
 
@@ -38,11 +42,12 @@ class FieldCones {
   };
   std::array<Cone, kMost> cones_;
   size_t count_ = 0;
-  double share_ = 0, irradiance_ = 0;
+  double share_ = 0, irradiance_ = 0, scattered_ = 0;
 };
 
-/// Balls around the light of a field that emits, by which directions find fire, and what it lights around itself, from
-/// afar: light samples find only what the field emits, and not what its smoke scatters.
+/// Balls around the light of a field that emits, by which directions find from afar what its smoke scatters: light
+/// samples find only what the field emits, and find that better. So a ball draws directions by the optical depth of
+/// what scatters in it, and none without.
 ///
 /// A direction is drawn from the mixture of cones and phase function or BSDF, whose density counts in every weight
 /// against light samples, so that it is unbiased whatever the balls are.
@@ -58,7 +63,10 @@ class FieldBalls {
 
   FieldBalls() = default;
   /// @param light  that adds up to the field's
-  explicit FieldBalls(std::vector<Glow> light);
+  /// @param media  that scatter it
+  FieldBalls(std::vector<Glow> light, std::span<const Medium> media);
+  /// Whether any of them scatters.
+  bool scatter() const;
   /// @param normal  of a surface that scatters to one side; 0: to all
   void add_cones(const dvec3& p, const dvec3& normal, FieldCones& cones) const;
 
@@ -66,6 +74,7 @@ class FieldBalls {
   struct Ball {
     dvec3 centre;
     double radius, power;
+    double scattered = 0;  ///< light that the media in it scatter, as a share of its light, about
   };
   void divide(std::vector<Glow>::iterator begin, std::vector<Glow>::iterator end, size_t parts);
 

@@ -22,11 +22,11 @@ double volume_of(const Medium& shape) {
 
 }  // namespace
 
-FieldLight::FieldLight(const EmissionField& field, const Task& task) : field_(field) {
+FieldLight::FieldLight(const EmissionField& field, std::span<const Medium> media, const Task& task) : field_(field) {
   const Medium& shape = field_.shape();
   if (shape.empty()) return;
   if (!shape.homogeneous()) {
-    measure_bricks(task);
+    measure_bricks(media, task);
     return;
   }
   const HomogeneousShape& s = *shape.homogeneous();
@@ -41,11 +41,11 @@ FieldLight::FieldLight(const EmissionField& field, const Task& task) : field_(fi
     const dvec3 across = shape.to_world(edge) - shape.to_world(dvec3(0));
     spread_ += per_axis * glm::dot(across, across);
   }
-  balls_ = FieldBalls({{intensity_, centre_, spread_}});
+  balls_ = FieldBalls({{intensity_, centre_, spread_}}, media);
 }
 
 /// The power of each voxel, from the emission at its corners.
-void FieldLight::measure_bricks(const Task& task) {
+void FieldLight::measure_bricks(std::span<const Medium> media, const Task& task) {
   const Medium& shape = field_.shape();
   const BrickGrid& grid = shape.bricks();
   const int n = grid.cell_size(), Y = grid.stored(), X = Y * Y;
@@ -113,7 +113,7 @@ void FieldLight::measure_bricks(const Task& task) {
   spread_ = std::max(0.0, all.second / all.sum - glm::dot(centre_, centre_));
   const auto scale = static_cast<float>(length_ / intensity_);
   for (float& d : densities_) d *= scale;
-  balls_ = FieldBalls(std::move(glows));
+  balls_ = FieldBalls(std::move(glows), media);
 }
 
 double FieldLight::seldom_found(const dvec3& p, double spread) const {

@@ -1,4 +1,5 @@
 #pragma once
+#include <span>
 #include <vector>
 
 #include "base/progress.h"
@@ -22,7 +23,8 @@ class FieldLight final : public Light {
   /// Whether a field can be one: it stands still.
   static bool fits(const EmissionField& field) { return !field.moves(); }
   /// @param field  what it refers to must outlive the light
-  explicit FieldLight(const EmissionField& field, const Task& task = {});
+  /// @param media  that scatter its light
+  explicit FieldLight(const EmissionField& field, std::span<const Medium> media = {}, const Task& task = {});
 
   LightSample sample(const dvec3& p, const dvec2& u) const override;
   double importance(const dvec3& p) const override;
@@ -50,7 +52,7 @@ class FieldLight final : public Light {
     double sum;  ///< of the shares of all cells up to this one
   };
   dvec3 draw(Rng& rng, double& density, dvec3& emission) const;
-  void measure_bricks(const Task& task);
+  void measure_bricks(std::span<const Medium> media, const Task& task);
 
   EmissionField field_;
   std::vector<float> densities_, rows_;  // rows_: by brick and row, the power of all rows up to it

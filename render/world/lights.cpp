@@ -175,10 +175,10 @@ void Lights::set_emissions(const std::vector<size_t>& volumes) {
   for (const size_t volume : volumes) emission_groups_.push_back(groups().empty() ? 0 : groups_.volumes[volume]);
 }
 
-void Lights::add_field(const EmissionField& field, const Task& task) {
+void Lights::add_field(const EmissionField& field, std::span<const Medium> media, const Task& task) {
   fields_.push_back(nullptr);
   if (!FieldLight::fits(field)) return;
-  auto light = std::make_unique<FieldLight>(field, task);
+  auto light = std::make_unique<FieldLight>(field, media, task);
   if (!shines(*light)) return;
   light->group = group_of_emission(fields_.size() - 1);
   fields_.back() = light.get();
@@ -214,6 +214,11 @@ void Lights::finish(const std::string& mode) {
   all_choice_ = LightChoice(sampled);
   std::erase_if(sampled, [](const Light* light) { return dynamic_cast<const FieldLight*>(light) != nullptr; });
   choice_without_fields_ = LightChoice(std::move(sampled));
+}
+
+bool Lights::any_scattered_field() const {
+  return std::any_of(fields_.begin(), fields_.end(),
+                     [](const FieldLight* field) { return field && field->balls().scatter(); });
 }
 
 FieldCones Lights::field_cones(const dvec3& p, const dvec3& normal) const {

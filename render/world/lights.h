@@ -2,6 +2,7 @@
 #include <algorithm>
 #include <memory>
 #include <optional>
+#include <span>
 #include <string>
 #include <unordered_map>
 #include <vector>
@@ -54,7 +55,8 @@ class Lights {
   /// The volumes of all fields that emit. @param volumes  numbers in the scene
   void set_emissions(const std::vector<size_t>& volumes);
   /// A field that emits; fields keep their order. One that moves or emits nothing is no light.
-  void add_field(const EmissionField& field, const Task& task = {});
+  /// @param media  that scatter its light
+  void add_field(const EmissionField& field, std::span<const Medium> media, const Task& task = {});
   /// To be called once all lights are there.
   void finish(const std::string& mode);
 
@@ -111,6 +113,8 @@ class Lights {
   bool any_delta() const;
   /// What a vertex chooses among. @param fields  whether it samples fields that emit
   const LightChoice& choice(bool fields = true) const { return fields ? all_choice_ : choice_without_fields_; }
+  /// Whether smoke scatters the light of fields, so that field_cones() has any.
+  bool any_scattered_field() const;
   /// Directions from a point to fields that emit. @param normal  of a surface that scatters to one side; 0: to all
   FieldCones field_cones(const dvec3& p, const dvec3& normal = dvec3(0)) const;
   /// A sample of the choice without radiance where another finite light is in the way.

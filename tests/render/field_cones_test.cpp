@@ -34,9 +34,18 @@ dvec3 on_sphere(Rng& rng) {
   return glm::normalize(d);
 }
 
+/// Smoke all around.
+Medium smoke(double sigma_t, double albedo) {
+  return {HomogeneousShape{HomogeneousShape::Shape::kBox, dvec3(-50), dvec3(50)},
+          dmat4(1),
+          {dvec3(sigma_t), dvec3(albedo)},
+          PhaseFunction::henyey_greenstein(0)};
+}
+
 FieldCones some_cones(const dvec3& p, const dvec3& normal) {
   FieldCones cones;
-  FieldBalls({{2, {3, 0, 0}, 0.5}, {1, {3, 1, 0.5}, 0.25}, {4, {2, 1, 2}, 0.1}, {1, {-1, 2, 0}, 0.3}})
+  const Medium media[] = {smoke(2, 0.7)};
+  FieldBalls({{2, {3, 0, 0}, 0.5}, {1, {3, 1, 0.5}, 0.25}, {4, {2, 1, 2}, 0.1}, {1, {-1, 2, 0}, 0.3}}, media)
       .add_cones(p, normal, cones);
   cones.finish(0.5);
   return cones;
@@ -71,8 +80,29 @@ TEST(FieldCones, DirectionsHaveTheStatedDensity) {
 
 TEST(FieldCones, NothingFacesLightBehindASurface) {
   FieldCones cones;
-  FieldBalls({{1, {0, 0, -5}, 0.01}}).add_cones(dvec3(0), {0, 0, 1}, cones);
+  const Medium media[] = {smoke(2, 0.7)};
+  FieldBalls({{1, {0, 0, -5}, 0.01}}, media).add_cones(dvec3(0), {0, 0, 1}, cones);
   EXPECT_TRUE(cones.empty());
+}
+
+double share_with(const std::vector<Medium>& media) {
+  FieldCones cones;
+  FieldBalls({{1, {5, 0, 0}, 0.1}}, media).add_cones(dvec3(0), dvec3(0), cones);
+  cones.finish(0);
+  return cones.share();
+}
+
+// What a field emits is left to light samples, which find it better.
+TEST(FieldCones, SmokeThatScattersTellsHowManyDirectionsAimAtIt) {
+  EXPECT_EQ(share_with({}), 0);
+  EXPECT_EQ(share_with({smoke(10, 0)}), 0);
+  EXPECT_EQ(share_with({smoke(0, 0.9)}), 0);
+  const double thin = share_with({smoke(1e-3, 0.5)}), thick = share_with({smoke(1e3, 0.5)});
+  EXPECT_GT(thin, 0);
+  EXPECT_NEAR(share_with({smoke(2e-3, 0.5)}), 2 * thin, 0.01 * thin);
+  EXPECT_NEAR(share_with({smoke(1e-3, 0.5), smoke(2e-3, 0.25)}), 2 * thin, 0.01 * thin);
+  EXPECT_GT(thick, 100 * thin);
+  EXPECT_LT(thick, 0.5);
 }
 
 struct Mean {
