@@ -28,7 +28,16 @@ HWY_INLINE V each_lane(V v, size_t lanes, Function&& function) {
   return hn::Load(D(), x);
 }
 
-/// The collisions of as many paths as there are lanes.
+/// Of each lane, where new directions aim at fields that emit.
+template <bool kAims>
+struct LaneCones {};
+template <>
+struct LaneCones<true> {
+  std::array<FieldCones, hn::MaxLanes(D())> of;
+};
+
+/// The collisions of as many paths as there are lanes. @tparam kAims  LaneScene::aims_at_fields
+template <bool kAims>
 class Collisions {
  public:
   HWY_INLINE Collisions(const LaneScene& scene, PathStates& paths, const SlotList& slots, size_t begin)
@@ -45,8 +54,8 @@ class Collisions {
     // Angles are measured from the phase function's peak: a negative g is the positive one, mirrored.
     peak_ = gather3(paths.d, slot_) * (scene.g < 0 ? -1.0f : 1.0f);
     throughput_ = gather3(paths.throughput, slot_) * albedo();
-    if (scene.aims_at_fields)
-      for (size_t lane = 0; lane < valid_; ++lane) cones_[lane] = scene.lights->field_cones(position(lane));
+    if constexpr (kAims)
+      for (size_t lane = 0; lane < valid_; ++lane) cones_.of[lane] = scene.lights->field_cones(position(lane));
   }
 
   /// Samples one light. @param shadows  gets those that are worth a shadow ray
@@ -114,10 +123,10 @@ class Collisions {
     const V sin_theta = hn::Sqrt(hn::Max(one_minus * (2.0f - one_minus), hn::Zero(D())));
     const SinCosV phi = sincos_2pi(rng_.uniform(everyone_));
     V3 turned = around(peak_, sin_theta * phi.cos, sin_theta * phi.sin, one - one_minus);
-    if (scene_.aims_at_fields) aim(turned);
-    const V phase = phase_towards(turned), pdf = density(phase, turned);
-    if (scene_.aims_at_fields) throughput_ = throughput_ * (phase / pdf);
-    put(pdf, paths_.pdf);
+    if constexpr (kAims)
+      aim(turned);
+    else
+      put(phase_towards(turned), paths_.pdf);
     scatter3(turned, paths_.d, slot_);
     if (scene_.keeps_local) scatter3(transform(scene_.local_from_world, turned), paths_.flight.d, slot_);
     scatter3(throughput_, paths_.throughput, slot_);
@@ -158,26 +167,45 @@ class Collisions {
 
   /// The density of a new direction. @param phase  of the phase function
   HWY_INLINE V density(V phase, const V3& wi) const {
-    if (!scene_.aims_at_fields) return phase;
+    if constexpr (kAims) {
+      Lanes3 d;
+      d.store(wi);
+      return mixed(phase, [&](size_t lane) { return cones_.of[lane].pdf(dvec3(d[lane])); });
+    }
+    return phase;
+  }
+
+  /// The density of a new direction. @param cones  of the lane's cones
+  template <class Density>
+  HWY_INLINE V mixed(V phase, const Density& cones) const {
     HWY_ALIGN Lanes pdf;
-    Lanes3 d;
     hn::Store(phase, D(), pdf);
-    d.store(wi);
     for (size_t lane = 0; lane < valid_; ++lane)
-      pdf[lane] = static_cast<float>(cones_[lane].mixed(static_cast<double>(pdf[lane]), dvec3(d[lane])));
+      pdf[lane] = static_cast<float>(cones_.of[lane].mixed(static_cast<double>(pdf[lane]), cones(lane)));
     return hn::Load(D(), pdf);
   }
 
-  /// Turns some directions towards fields that emit.
+  /// Turns some directions towards fields that emit. Their density is that of the direction drawn: rounded to floats
+  /// it may lie outside of a narrow cone, and would weigh too much.
   HWY_INLINE void aim(V3& turned) {
     HWY_ALIGN Lanes aims, choice, x, y;
     for (float* const u : {aims, choice, x, y}) hn::Store(rng_.uniform(everyone_), D(), u);
     Lanes3 d;
     d.store(turned);
-    for (size_t lane = 0; lane < valid_; ++lane)
-      if (static_cast<double>(aims[lane]) < cones_[lane].share())
-        d.set(lane, vec3(cones_[lane].sample(static_cast<double>(choice[lane]), dvec2(x[lane], y[lane]))));
+    std::array<double, hn::MaxLanes(D())> in_cones{};
+    for (size_t lane = 0; lane < valid_; ++lane) {
+      const FieldCones& cones = cones_.of[lane];
+      dvec3 drawn(d[lane]);
+      if (static_cast<double>(aims[lane]) < cones.share()) {
+        drawn = cones.sample(static_cast<double>(choice[lane]), dvec2(x[lane], y[lane]));
+        d.set(lane, vec3(drawn));
+      }
+      in_cones[lane] = cones.pdf(drawn);
+    }
     turned = d.load();
+    const V phase = phase_towards(turned), pdf = mixed(phase, [&](size_t lane) { return in_cones[lane]; });
+    throughput_ = throughput_ * (phase / pdf);
+    put(pdf, paths_.pdf);
   }
 
   HWY_INLINE dvec3 position(size_t lane) const {
@@ -279,18 +307,25 @@ class Collisions {
   Generator rng_;
   float g_;
   V3 peak_ = zero3(), throughput_ = peak_;
-  std::array<FieldCones, hn::MaxLanes(D())> cones_;  // where LaneScene::aims_at_fields
+  [[no_unique_address]] LaneCones<kAims> cones_;
 };
 
-void Scatter(const LaneScene& scene, PathStates& paths, SlotList& slots, SlotList& shadows, SlotList& alive,
+template <bool kAims>
+void scatter(const LaneScene& scene, PathStates& paths, SlotList& slots, SlotList& shadows, SlotList& alive,
              uint64_t& capped_paths, double& capped_throughput) {
   slots.pad();
   for (size_t i = 0; i < slots.count; i += hn::Lanes(D())) {
-    Collisions collisions(scene, paths, slots, i);
+    Collisions<kAims> collisions(scene, paths, slots, i);
     collisions.sample_light(shadows);
     const M lives = collisions.survive(capped_paths, capped_throughput);
     collisions.turn(lives, alive);
   }
+}
+
+void Scatter(const LaneScene& scene, PathStates& paths, SlotList& slots, SlotList& shadows, SlotList& alive,
+             uint64_t& capped_paths, double& capped_throughput) {
+  const auto run = scene.aims_at_fields ? scatter<true> : scatter<false>;
+  run(scene, paths, slots, shadows, alive, capped_paths, capped_throughput);
 }
 
 }  // namespace brume::HWY_NAMESPACE

@@ -10,7 +10,7 @@ namespace brume {
 namespace {
 
 // Where fire brings all the light and its smoke scatters nearly all of that, so many directions are drawn towards it.
-constexpr double kMostShare = 0.3;
+constexpr double kMostShare = 0.4;
 
 // Balls of a field.
 constexpr size_t kBalls = 8;
@@ -21,6 +21,9 @@ constexpr double kWidth = 1.5;
 
 // Points that tell a ball's optical depth.
 constexpr int kDepthPoints = 256;
+
+// Least square of a cone's sine: in a narrower one, directions in single precision would be too coarse.
+constexpr double kLeastSine2 = 1e-6;
 
 using Glow = FieldBalls::Glow;
 using Part = std::vector<Glow>::iterator;
@@ -127,7 +130,7 @@ void FieldBalls::add_cones(const dvec3& p, const dvec3& normal, FieldCones& cone
     const dvec3 to = ball.centre - p;
     const double squared = glm::dot(to, to), radius2 = ball.radius * ball.radius;
     if (!(squared > 0)) continue;
-    const double sine2 = std::min(radius2 / squared, 1.0);
+    const double sine2 = std::clamp(radius2 / squared, kLeastSine2, 1.0);
     const dvec3 axis = to / std::sqrt(squared);
     const bool around = normal == dvec3(0) || sine2 == 1;
     const double faces = around ? 1.0 : std::clamp(glm::dot(axis, normal) + std::sqrt(sine2), 0.0, 1.0);

@@ -17,16 +17,19 @@ class FieldCones {
   bool empty() const { return count_ == 0; }
   /// Probability with which a new direction is one of these, instead of one of the phase function or BSDF.
   double share() const { return share_; }
-  /// Density of such a direction [1/sr].
+  /// Density of such a direction [1/sr]. @param d  of any length: narrow cones notice how far floats are from 1
   double pdf(const dvec3& d) const {
+    const double length = glm::length(d);
     double sum = 0;
     for (size_t k = 0; k < count_; ++k)
-      if (1 - glm::dot(cones_[k].axis, d) <= cones_[k].one_minus_cos) sum += cones_[k].density;
+      if (length - glm::dot(cones_[k].axis, d) <= cones_[k].one_minus_cos * length) sum += cones_[k].density;
     return sum;
   }
   dvec3 sample(double choice, const dvec2& u) const;
   /// Density of a new direction, where that of the phase function or BSDF is `other`.
-  double mixed(double other, const dvec3& d) const { return share_ > 0 ? other + share_ * (pdf(d) - other) : other; }
+  double mixed(double other, const dvec3& d) const { return share_ > 0 ? mixed(other, pdf(d)) : other; }
+  /// @param aimed  pdf() of it
+  double mixed(double other, double aimed) const { return other + share_ * (aimed - other); }
 
   /// @param irradiance  that comes from what the field emits there, about
   /// @param scattered   as a share of that, what comes from there scattered

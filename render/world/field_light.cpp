@@ -20,6 +20,18 @@ double volume_of(const Medium& shape) {
   return filled * edges.x * edges.y * edges.z * shape.voxel_volume();
 }
 
+/// Sum of the squared edges of a box, in world space.
+double squared_edges(const Medium& shape, const dvec3& size) {
+  double sum = 0;
+  for (int a = 0; a < 3; ++a) {
+    dvec3 edge(0);
+    edge[a] = size[a];
+    const dvec3 across = shape.to_world(edge) - shape.to_world(dvec3(0));
+    sum += glm::dot(across, across);
+  }
+  return sum;
+}
+
 }  // namespace
 
 FieldLight::FieldLight(const EmissionField& field, std::span<const Medium> media, const Task& task) : field_(field) {
@@ -35,12 +47,7 @@ FieldLight::FieldLight(const EmissionField& field, std::span<const Medium> media
   length_ = std::cbrt(volume);
   centre_ = shape.to_world(0.5 * (s.lo + s.hi));
   const double per_axis = s.shape == HomogeneousShape::Shape::kSphere ? 1.0 / 20 : 1.0 / 12;
-  for (int a = 0; a < 3; ++a) {
-    dvec3 edge(0);
-    edge[a] = s.hi[a] - s.lo[a];
-    const dvec3 across = shape.to_world(edge) - shape.to_world(dvec3(0));
-    spread_ += per_axis * glm::dot(across, across);
-  }
+  spread_ = per_axis * squared_edges(shape, s.hi - s.lo);
   balls_ = FieldBalls({{intensity_, centre_, spread_}}, media);
 }
 
@@ -87,6 +94,7 @@ void FieldLight::measure_bricks(std::span<const Medium> media, const Task& task)
       }
   });
   Moments all;
+  const double voxel_spread = squared_edges(shape, dvec3(1)) / 12;
   std::vector<FieldBalls::Glow> glows;
   ivec3 c;
   for (c.x = 0; c.x < grid.cells().x; ++c.x)
@@ -103,7 +111,7 @@ void FieldLight::measure_bricks(std::span<const Medium> media, const Task& task)
         cells_.push_back({c, all.sum});
         const dvec3 middle = own.first / own.sum;
         glows.push_back({own.sum * shape.voxel_volume(), corner + middle,
-                         std::max(0.0, own.second / own.sum - glm::dot(middle, middle))});
+                         std::max(0.0, own.second / own.sum - glm::dot(middle, middle)) + voxel_spread});
       }
   if (!(all.sum > 0)) return;
   const double voxel = shape.voxel_volume();
