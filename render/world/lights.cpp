@@ -26,10 +26,6 @@ double importance_alone(const FieldLight& field, const dvec3& p) {
   return field.irradiance(p) * std::min(1.0, 2 * nearer * nearer);
 }
 
-double importance_of(const Light& light, const dvec3& p, bool fields_alone) {
-  return fields_alone ? importance_alone(static_cast<const FieldLight&>(light), p) : light.importance(p);
-}
-
 }  // namespace
 
 LightChoice::LightChoice(std::vector<const Light*> lights) : lights_(std::move(lights)) {
@@ -69,7 +65,7 @@ LightSample LightChoice::sample(const dvec3& p, double choice, const dvec2& u) c
     const double total = single_total(p) + (many ? many->importance : 0);
     double left = choice * total, importance = 0;
     for (; i < single_.size(); ++i) {
-      importance = importance_of(*single_[i], p, fields_alone_);
+      importance = importance_of(*single_[i], p);
       if (left < importance) break;
       if (i + 1 == single_.size() && !many) {
         if (fields_alone_) return {};
@@ -100,12 +96,16 @@ double LightChoice::probability(const Light& light, const dvec3& p) const {
   const double total = single_total(p) + (many ? many->importance : 0);
   if (!(total > 0)) return 0;
   const auto in_tree = number_in_tree_.find(&light);
-  if (in_tree == number_in_tree_.end()) return importance_of(light, p, fields_alone_) / total;
+  if (in_tree == number_in_tree_.end()) return importance_of(light, p) / total;
   return many->importance / total * tree_.probability(*many, p, in_tree->second);
 }
 
 double LightChoice::importance(const dvec3& p) const {
   return single_total(p) + (tree_.empty() ? 0.0 : tree_.cut(p).importance);
+}
+
+double LightChoice::importance_of(const Light& light, const dvec3& p) const {
+  return nearer_ ? importance_alone(static_cast<const FieldLight&>(light), p) : light.importance(p);
 }
 
 double LightChoice::single_total(const dvec3& p) const {

@@ -31,8 +31,11 @@ class LightChoice {
   double probability(const Light& light, const dvec3& p) const;
   /// Sum of the importance of all of them.
   double importance(const dvec3& p) const;
+  /// Samples fields from nearer by, where there is no other light, which their samples would take away.
+  void sample_fields_nearer(bool nearer) { nearer_ = nearer && fields_alone_; }
 
  private:
+  double importance_of(const Light& light, const dvec3& p) const;
   double single_total(const dvec3& p) const;
 
   std::vector<const Light*> lights_;
@@ -40,6 +43,7 @@ class LightChoice {
   LightTree tree_;                    // of many that stand somewhere
   std::unordered_map<const Light*, size_t> number_, number_in_tree_;
   bool fields_alone_ = false;
+  bool nearer_ = false;
   bool same_everywhere_ = true;  // only infinite lights: the choice does not depend on the point
   std::vector<double> share_;    // where same_everywhere_
 };
@@ -57,6 +61,9 @@ class Lights {
   /// A field that emits; fields keep their order. One that moves or emits nothing is no light.
   /// @param media  that scatter its light
   void add_field(const EmissionField& field, std::span<const Medium> media, const Task& task = {});
+  /// Whether directions aim at fields that emit, too (Plan::aims_at_fire): points of fields are sampled from nearer by
+  /// then, where there is no other light.
+  void aim_at_fields(bool aims) { all_choice_.sample_fields_nearer(aims); }
   /// To be called once all lights are there.
   void finish(const std::string& mode);
 
