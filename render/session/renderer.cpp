@@ -33,7 +33,7 @@ PreparedScene::PreparedScene(Scene scene, const LayerRequest& layers, const Task
   lights_.set_emissions(media_.emission_volumes());
   const std::string& sampling = scene_.render.light_sampling;
   if (sampling != "none" && (!media_.media().empty() || surfaces_))
-    for (const EmissionField& field : media_.emissions()) lights_.add_field(field, task);
+    for (const EmissionField& field : media_.emissions()) lights_.add_field(field, media_.media(), task);
   // A shadow catcher gathers light by light sampling alone, so the constant sky takes part in it.
   lights_.finish(catcher && sampling == "auto" ? "all" : sampling);
   if (sampling == "none" && lights_.any_delta())
@@ -51,6 +51,7 @@ PreparedScene::PreparedScene(Scene scene, const LayerRequest& layers, const Task
   context_.isosurface_density = scene_.render.surface_density;
   context_.world_shift = media_.world_shift();
   context_.plan = make_plan(scene_, media_, lights_, surfaces_.get(), camera(), layers);
+  lights_.aim_at_fields(context_.plan.aims_at_fire);
   prepare_lanes(task);
   context_ = context_for(scene_, camera(), context_.plan, task);
   notes_ = notes_for(scene_, layers);
@@ -83,6 +84,7 @@ void PreparedScene::become(Scene scene, const LayerRequest& layers, const Task& 
   if (world_of(scene) != world_of(scene_)) throw std::logic_error("PreparedScene::become: a scene of another world");
   const Camera camera(scene.camera, scene.film.width, scene.film.height, world_shift());
   context_ = context_for(scene, camera, make_plan(scene, media_, lights_, surfaces_.get(), camera, layers), task);
+  lights_.aim_at_fields(context_.plan.aims_at_fire);
   notes_ = notes_for(scene, layers);
   scene_ = std::move(scene);
 }

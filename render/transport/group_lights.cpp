@@ -148,7 +148,9 @@ bool GroupLights::aim_from_medium(size_t i, size_t group) {
   const LightSample light = sample_of(group, p, c_.plan.samples_fields(number), rng);
   if (!(light.pdf > 0) || c_.lights->blocked({p, light.wi}, light.distance, light.light)) return false;
   const double phase = medium.phase().value(glm::dot(glm::normalize(dvec3(p_.d[i])), light.wi));
-  const double mis = light.delta ? 1.0 : balance(light.pdf, phase);
+  const bool aims = c_.plan.aims_at_fire && c_.plan.samples_fields(number);
+  const double pdf = aims ? c_.lights->field_cones(p).mixed(phase, light.wi) : phase;
+  const double mis = light.delta ? 1.0 : balance(light.pdf, pdf);
   const dvec3 albedo = medium.instances() ? medium.albedo(static_cast<size_t>(w_.instance[i]), p) : medium.albedo(p);
   const double flown = balls_ ? balls_->share_of_flights(i, light.light, p) : 1.0;
   const double share = far_share(c_.plan.near_lights, light.light, p) * flown * phase * mis / light.pdf;

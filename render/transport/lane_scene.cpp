@@ -117,6 +117,7 @@ LaneScene lane_scene(const PathContext& context, size_t number, WorldPaths& worl
   s.max_events = context.max_events;
   s.interpolate = context.plan.interpolate;
   s.samples_fields = context.plan.samples_fields(number);
+  s.aims_at_fields = context.plan.aims_at_fire && s.samples_fields;
   if (context.plan.light_sampling) set_lights(s, *context.lights, context.plan.layers.records);
   s.near_lights = context.plan.near_lights;
   s.world = &world;

@@ -65,6 +65,7 @@ struct LaneScene : LaneCells {
   /// to know what was drawn; else null, and the suns and the environment above are used.
   const Lights* lights = nullptr;
   bool samples_fields = false;             ///< Plan::samples_fields
+  bool aims_at_fields = false;             ///< new directions are drawn from Lights::field_cones(), too
   std::span<const NearLight> near_lights;  ///< the part of their light that is left to collisions is sampled there
   const Medium* medium;
   WorldPaths* world;         ///< of the paths

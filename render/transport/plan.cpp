@@ -2,6 +2,7 @@
 
 #include <algorithm>
 
+#include "base/running_statistics.h"
 #include "image/light_layers.h"
 #include "render/transport/emission.h"
 #include "render/transport/integrator.h"
@@ -30,17 +31,28 @@ Precision precision_for(const Medium& m) {
 
 namespace {
 
-constexpr double kSeldomFound = 0.5;
+// Where a smaller share of directions would aim at fire, none do: they would not pay for themselves.
+constexpr double kLeastAimed = 0.05;
 
-/// Whether most of a medium is so far from a field that emits that directions drawn by the phase function seldom find
-/// it.
-bool far_from_fields(const Medium& medium, const SceneMedia& media, const Lights& lights) {
+// How seldom directions drawn by the phase function find a field that is sampled; and where some aim at it, too, which
+// pays from nearer by.
+constexpr double kSeldomFound = 0.5, kSeldomFoundAiming = 0.2;
+
+bool far_from_fields(const Medium& medium, const SceneMedia& media, const Lights& lights, double seldom_found) {
   const auto [centre, radius] = medium.bounding_sphere();
   for (size_t f = 0; f < media.emissions().size(); ++f) {
     const FieldLight* const light = lights.field(f);
-    if (light && light->seldom_found(centre, radius * radius / 3) > kSeldomFound) return true;
+    if (light && light->seldom_found(centre, radius * radius / 3) > seldom_found) return true;
   }
   return false;
+}
+
+/// Of each medium, whether most of it is so far from a field that emits that directions drawn by the phase function
+/// seldom find it.
+std::vector<bool> far_from_fields(const SceneMedia& media, const Lights& lights, double seldom_found) {
+  std::vector<bool> far;
+  for (const Medium& m : media.media()) far.push_back(far_from_fields(m, media, lights, seldom_found));
+  return far;
 }
 
 /// Whether all there is lies in one still grid, but for still fields that emit.
@@ -51,16 +63,31 @@ bool is_one_grid(const Plan& plan, const SceneMedia& media, const Lights& lights
          std::all_of(fields.begin(), fields.end(), LaneEmission::fits);
 }
 
+/// The share of new directions that would aim at fire: on the mean of what camera rays see of diffuse surfaces, or in
+/// the middle of a medium far from it where that is more.
+double share_aimed(const SceneMedia& media, const Lights& lights, const Surfaces* surfaces, std::span<const Ray> rays) {
+  double most = 0;
+  for (const Medium& m : media.media())
+    if (far_from_fields(m, media, lights, kSeldomFoundAiming))
+      most = std::max(most, lights.field_cones(m.bounding_sphere().centre).share());
+  if (!surfaces) return most;
+  RunningStatistics seen;
+  for (const Ray& ray : rays) {
+    const auto hit = surfaces->intersect(ray, kUnbounded, Surfaces::kMiddle, true);
+    if (!hit || surfaces->bsdf(*hit).kind != Bsdf::Kind::kDiffuse) continue;
+    const dvec3 outside = glm::dot(hit->normal, ray.d) < 0 ? hit->normal : -hit->normal;
+    seen.add(lights.field_cones(ray.at(hit->t), outside).share());
+  }
+  return std::max(most, seen.mean);
+}
+
 }  // namespace
 
 Plan make_plan(const Scene& scene, const SceneMedia& media, const Lights& lights, const Surfaces* surfaces,
                const Camera& camera, const LayerRequest& layers) {
   Plan plan;
   const auto& all = media.media();
-  for (const Medium& m : all) {
-    plan.media.push_back(precision_for(m));
-    plan.far_from_fire.push_back(far_from_fields(m, media, lights));
-  }
+  for (const Medium& m : all) plan.media.push_back(precision_for(m));
   plan.instances = std::any_of(all.begin(), all.end(), [](const Medium& m) { return m.instances() != nullptr; });
   plan.holdouts = std::any_of(all.begin(), all.end(), [](const Medium& m) { return m.holdout(); });
   plan.chromatic = std::any_of(all.begin(), all.end(), [](const Medium& m) { return m.chromatic(); });
@@ -98,14 +125,18 @@ Plan make_plan(const Scene& scene, const SceneMedia& media, const Lights& lights
   // In the one grid paths know no world, and forced first collisions gain more. Records have no place for such light.
   if (!plan.one_grid && !plan.holdouts && !plan.moving_media && !layers.records)
     plan.lit_balls = choose_lit_balls(all, lights, plan.near_lights, scene.render.near_lights);
+  std::vector<Ray> rays;
+  if (plan.one_grid || plan.emission)
+    for (const PathRequest& r : coarse_requests(scene, plan, camera, 24, 1)) rays.push_back(r.ray);
+  // Points of lit balls are weighed against directions of phase functions and BSDFs alone.
+  plan.aims_at_fire = plan.light_sampling && plan.lit_balls.empty() && !plan.layers.records &&
+                      lights.any_scattered_field() && share_aimed(media, lights, surfaces, rays) > kLeastAimed;
+  plan.far_from_fire = far_from_fields(media, lights, plan.aims_at_fire ? kSeldomFoundAiming : kSeldomFound);
   plan.seen_emission =
       plan.emission && plan.has_media() && !plan.moving_media && !plan.instances &&
       std::find(plan.media.begin(), plan.media.end(), Precision::kDouble) == plan.media.end() &&
       std::none_of(all.begin(), all.end(), [](const Medium& m) { return m.falls_off() || m.detail(); }) &&
       std::all_of(fields.begin(), fields.end(), LaneEmission::fits);
-  std::vector<Ray> rays;
-  if (plan.one_grid || plan.seen_emission)
-    for (const PathRequest& r : coarse_requests(scene, plan, camera, 24, 1)) rays.push_back(r.ray);
   if (plan.one_grid && (!plan.emission || plan.seen_emission))  // else emission is integrated along free flights
     plan.first_collision = choose_first_collision(all[0], rays, scene.render.first_collision);
   if (plan.seen_emission && !plan.layers.records)

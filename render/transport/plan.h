@@ -26,6 +26,7 @@ struct Plan {
   bool holdouts = false;            ///< some are not seen and hide what is behind them
   bool moving_media = false;        ///< some change over the shutter
   bool light_sampling = false;      ///< next-event estimation towards at least one light
+  bool aims_at_fire = false;        ///< vertices that sample fields that emit draw directions towards them, too
   std::vector<bool> far_from_fire;  ///< by medium: its vertices sample fields that emit, as those on surfaces do
   bool finite_lights = false;       ///< analytic lights that rays can end on
   bool surfaces = false;            ///< triangle meshes

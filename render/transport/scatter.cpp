@@ -5,6 +5,7 @@
 #include <hwy/foreach_target.h>
 #include <hwy/highway.h>
 
+#include <array>
 #include <bit>
 #include <cmath>
 #include <cstring>
@@ -27,7 +28,16 @@ HWY_INLINE V each_lane(V v, size_t lanes, Function&& function) {
   return hn::Load(D(), x);
 }
 
-/// The collisions of as many paths as there are lanes.
+/// Of each lane, where new directions aim at fields that emit.
+template <bool kAims>
+struct LaneCones {};
+template <>
+struct LaneCones<true> {
+  std::array<FieldCones, hn::MaxLanes(D())> of;
+};
+
+/// The collisions of as many paths as there are lanes. @tparam kAims  LaneScene::aims_at_fields
+template <bool kAims>
 class Collisions {
  public:
   HWY_INLINE Collisions(const LaneScene& scene, PathStates& paths, const SlotList& slots, size_t begin)
@@ -44,6 +54,8 @@ class Collisions {
     // Angles are measured from the phase function's peak: a negative g is the positive one, mirrored.
     peak_ = gather3(paths.d, slot_) * (scene.g < 0 ? -1.0f : 1.0f);
     throughput_ = gather3(paths.throughput, slot_) * albedo();
+    if constexpr (kAims)
+      for (size_t lane = 0; lane < valid_; ++lane) cones_.of[lane] = scene.lights->field_cones(position(lane));
   }
 
   /// Samples one light. @param shadows  gets those that are worth a shadow ray
@@ -58,7 +70,7 @@ class Collisions {
     const M chosen = sample_suns(choice, u1, u2, s);
     if (scene_.environment || scene_.lights) sample_others(valid_bits_ & ~bits_of(chosen), choice, u1, u2, s);
     const V phase = phase_towards(s.wi);
-    const V mis = hn::IfThenElse(s.delta, one, s.pdf / (s.pdf + phase));
+    const V mis = hn::IfThenElse(s.delta, one, s.pdf / (s.pdf + density(phase, s.wi)));
     const V factor = hn::IfThenElseZero(s.pdf > zero, phase * mis / s.pdf);
     const V3 contribution = throughput_ * s.light * factor;
     scatter3(contribution, paths_.contribution, slot_);
@@ -110,8 +122,11 @@ class Collisions {
                             : sample_henyey_greenstein(g_, xi);
     const V sin_theta = hn::Sqrt(hn::Max(one_minus * (2.0f - one_minus), hn::Zero(D())));
     const SinCosV phi = sincos_2pi(rng_.uniform(everyone_));
-    const V3 turned = around(peak_, sin_theta * phi.cos, sin_theta * phi.sin, one - one_minus);
-    put(phase_towards(turned), paths_.pdf);
+    V3 turned = around(peak_, sin_theta * phi.cos, sin_theta * phi.sin, one - one_minus);
+    if constexpr (kAims)
+      aim(turned);
+    else
+      put(phase_towards(turned), paths_.pdf);
     scatter3(turned, paths_.d, slot_);
     if (scene_.keeps_local) scatter3(transform(scene_.local_from_world, turned), paths_.flight.d, slot_);
     scatter3(throughput_, paths_.throughput, slot_);
@@ -148,6 +163,49 @@ class Collisions {
     const V one_minus = one_minus_cos(peak_, wi);
     if (!scene_.phase) return henyey_greenstein(g_, one_minus);
     return each_lane(one_minus, valid_, [&](double x) { return scene_.phase->value(1.0 - x); });
+  }
+
+  /// The density of a new direction. @param phase  of the phase function
+  HWY_INLINE V density(V phase, const V3& wi) const {
+    if constexpr (kAims) {
+      Lanes3 d;
+      d.store(wi);
+      return mixed(phase, [&](size_t lane) { return cones_.of[lane].pdf(dvec3(d[lane])); });
+    }
+    return phase;
+  }
+
+  /// The density of a new direction. @param cones  of the lane's cones
+  template <class Density>
+  HWY_INLINE V mixed(V phase, const Density& cones) const {
+    HWY_ALIGN Lanes pdf;
+    hn::Store(phase, D(), pdf);
+    for (size_t lane = 0; lane < valid_; ++lane)
+      pdf[lane] = static_cast<float>(cones_.of[lane].mixed(static_cast<double>(pdf[lane]), cones(lane)));
+    return hn::Load(D(), pdf);
+  }
+
+  /// Turns some directions towards fields that emit. Their density is that of the direction drawn: rounded to floats
+  /// it may lie outside of a narrow cone, and would weigh too much.
+  HWY_INLINE void aim(V3& turned) {
+    HWY_ALIGN Lanes aims, choice, x, y;
+    for (float* const u : {aims, choice, x, y}) hn::Store(rng_.uniform(everyone_), D(), u);
+    Lanes3 d;
+    d.store(turned);
+    std::array<double, hn::MaxLanes(D())> in_cones{};
+    for (size_t lane = 0; lane < valid_; ++lane) {
+      const FieldCones& cones = cones_.of[lane];
+      dvec3 drawn(d[lane]);
+      if (static_cast<double>(aims[lane]) < cones.share()) {
+        drawn = cones.sample(static_cast<double>(choice[lane]), dvec2(x[lane], y[lane]));
+        d.set(lane, vec3(drawn));
+      }
+      in_cones[lane] = cones.pdf(drawn);
+    }
+    turned = d.load();
+    const V phase = phase_towards(turned), pdf = mixed(phase, [&](size_t lane) { return in_cones[lane]; });
+    throughput_ = throughput_ * (phase / pdf);
+    put(pdf, paths_.pdf);
   }
 
   HWY_INLINE dvec3 position(size_t lane) const {
@@ -249,17 +307,25 @@ class Collisions {
   Generator rng_;
   float g_;
   V3 peak_ = zero3(), throughput_ = peak_;
+  [[no_unique_address]] LaneCones<kAims> cones_;
 };
 
-void Scatter(const LaneScene& scene, PathStates& paths, SlotList& slots, SlotList& shadows, SlotList& alive,
+template <bool kAims>
+void scatter(const LaneScene& scene, PathStates& paths, SlotList& slots, SlotList& shadows, SlotList& alive,
              uint64_t& capped_paths, double& capped_throughput) {
   slots.pad();
   for (size_t i = 0; i < slots.count; i += hn::Lanes(D())) {
-    Collisions collisions(scene, paths, slots, i);
+    Collisions<kAims> collisions(scene, paths, slots, i);
     collisions.sample_light(shadows);
     const M lives = collisions.survive(capped_paths, capped_throughput);
     collisions.turn(lives, alive);
   }
+}
+
+void Scatter(const LaneScene& scene, PathStates& paths, SlotList& slots, SlotList& shadows, SlotList& alive,
+             uint64_t& capped_paths, double& capped_throughput) {
+  const auto run = scene.aims_at_fields ? scatter<true> : scatter<false>;
+  run(scene, paths, slots, shadows, alive, capped_paths, capped_throughput);
 }
 
 }  // namespace brume::HWY_NAMESPACE

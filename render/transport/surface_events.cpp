@@ -9,7 +9,7 @@ namespace brume {
 
 /// A point of a surface, and how it scatters.
 struct SurfaceEvents::Vertex {
-  Vertex(const Surfaces& surfaces, const Ray& ray, const SurfaceHit& met)
+  Vertex(const Surfaces& surfaces, const Ray& ray, const SurfaceHit& met, const Lights* aims)
       : hit(met),
         settings(surfaces.settings(met.surface)),
         bsdf(surfaces.bsdf(met)),
@@ -18,7 +18,10 @@ struct SurfaceEvents::Vertex {
         front(glm::dot(wo, met.normal) > 0),
         outside(front ? met.normal : -met.normal),
         frame(shading_normal()),
-        wo_local(to_local(wo)) {}
+        wo_local(to_local(wo)) {
+    if (aims && bsdf.kind == Bsdf::Kind::kDiffuse)
+      cones = aims->field_cones(p, bsdf.passed == dvec3(0) ? outside : dvec3(0));
+  }
 
   /// Light takes the shading normal's angles but the geometry's side: what would leak through is left out.
   dvec3 shading_normal() const {
@@ -27,11 +30,11 @@ struct SurfaceEvents::Vertex {
   }
   dvec3 to_local(const dvec3& w) const { return {glm::dot(w, frame.x), glm::dot(w, frame.y), glm::dot(w, frame.z)}; }
   bool leaks(const dvec3& wi, double local_z) const { return glm::dot(wi, outside) * local_z < 0; }
-  /// BSDF times cosine of a direction, and the density of drawing it.
+  /// BSDF times cosine of a direction, and the density of drawing it in scatter().
   std::pair<dvec3, double> scattering(const dvec3& wi) const {
     const dvec3 wi_local = to_local(wi);
     if (leaks(wi, wi_local.z)) return {dvec3(0), 0.0};
-    return {bsdf.value(wo_local, wi_local, !front), bsdf.pdf(wo_local, wi_local, !front)};
+    return {bsdf.value(wo_local, wi_local, !front), cones.mixed(bsdf.pdf(wo_local, wi_local, !front), wi)};
   }
 
   const SurfaceHit& hit;
@@ -42,13 +45,14 @@ struct SurfaceEvents::Vertex {
   dvec3 outside;
   Frame frame;
   dvec3 wo_local;
+  FieldCones cones;
 };
 
 bool SurfaceEvents::meet(size_t i, const dvec3& eye, SlotList& shadows, BallSamples* balls) {
   WorldPaths::Past& past = w_.past[i];
   past.to_catcher = false;
   const bool first = p_.events[i] == 0;
-  const Vertex v(*c_.surfaces, w_.ray[i], w_.hit[i]);
+  const Vertex v(*c_.surfaces, w_.ray[i], w_.hit[i], aims());
   if (first && v.settings.role == "holdout") {
     past.in_hole = true;
     return false;
@@ -115,7 +119,7 @@ void SurfaceEvents::sample_light(size_t i, const Vertex& v, const dvec3& from, b
 }
 
 bool SurfaceEvents::aim(size_t i, const std::function<LightSample(const dvec3& p)>& draw) {
-  const Vertex v(*c_.surfaces, w_.ray[i], w_.hit[i]);
+  const Vertex v(*c_.surfaces, w_.ray[i], w_.hit[i], aims());
   const bool unseen = v.settings.role == "holdout" || v.settings.role == "shadow_catcher";
   if ((p_.events[i] == 0 && unseen) || v.bsdf.delta()) return false;
   const LightSample light = draw(v.p);
@@ -158,10 +162,23 @@ bool SurfaceEvents::scatter(size_t i, const Vertex& v) {
     return false;
   }
   Bsdf::Sample out;
+  dvec3 d;
+  const bool aims = v.cones.share() > 0, aimed = aims && rng.uniform() < v.cones.share();
   const dvec2 u = rng.pair();
-  if (!v.bsdf.sample(v.wo_local, !v.front, {u.x, u.y, rng.uniform()}, out)) return false;
+  if (aimed) {
+    d = v.cones.sample(rng.uniform(), u);
+    out.wi = v.to_local(d);
+  } else {
+    if (!v.bsdf.sample(v.wo_local, !v.front, {u.x, u.y, rng.uniform()}, out)) return false;
+    d = glm::normalize(v.frame.to_world(out.wi));
+  }
+  if (aims) {
+    const auto [value, pdf] = v.scattering(d);
+    if (!(pdf > 0)) return false;
+    out.weight = value / pdf;
+    out.pdf = pdf;
+  }
   weight *= out.weight;
-  const dvec3 d = glm::normalize(v.frame.to_world(out.wi));
   if (weight == dvec3(0) || v.leaks(d, out.wi.z)) return false;
   p_.throughput.set(i, vec3(weight));
   WorldPaths::Past& past = w_.past[i];

@@ -34,6 +34,8 @@ class SurfaceEvents {
   bool scatter(size_t slot, const Vertex& vertex);
   bool pass_catcher(size_t slot, const Vertex& vertex, SlotList& shadows);
   void emit(size_t slot, const Vertex& vertex, const dvec3& radiance);
+  /// Lights that new directions aim at.
+  const Lights* aims() const { return c_.plan.aims_at_fire ? c_.lights : nullptr; }
   dvec3 throughput(size_t i) const { return dvec3(p_.throughput[i]); }
 
   const PathContext& c_;

@@ -3,6 +3,7 @@
 #include <algorithm>
 #include <bit>
 #include <cmath>
+#include <utility>
 
 #include "base/parallel_for.h"
 
@@ -19,13 +20,25 @@ double volume_of(const Medium& shape) {
   return filled * edges.x * edges.y * edges.z * shape.voxel_volume();
 }
 
+/// Sum of the squared edges of a box, in world space.
+double squared_edges(const Medium& shape, const dvec3& size) {
+  double sum = 0;
+  for (int a = 0; a < 3; ++a) {
+    dvec3 edge(0);
+    edge[a] = size[a];
+    const dvec3 across = shape.to_world(edge) - shape.to_world(dvec3(0));
+    sum += glm::dot(across, across);
+  }
+  return sum;
+}
+
 }  // namespace
 
-FieldLight::FieldLight(const EmissionField& field, const Task& task) : field_(field) {
+FieldLight::FieldLight(const EmissionField& field, std::span<const Medium> media, const Task& task) : field_(field) {
   const Medium& shape = field_.shape();
   if (shape.empty()) return;
   if (!shape.homogeneous()) {
-    measure_bricks(task);
+    measure_bricks(media, task);
     return;
   }
   const HomogeneousShape& s = *shape.homogeneous();
@@ -34,16 +47,12 @@ FieldLight::FieldLight(const EmissionField& field, const Task& task) : field_(fi
   length_ = std::cbrt(volume);
   centre_ = shape.to_world(0.5 * (s.lo + s.hi));
   const double per_axis = s.shape == HomogeneousShape::Shape::kSphere ? 1.0 / 20 : 1.0 / 12;
-  for (int a = 0; a < 3; ++a) {
-    dvec3 edge(0);
-    edge[a] = s.hi[a] - s.lo[a];
-    const dvec3 across = shape.to_world(edge) - shape.to_world(dvec3(0));
-    spread_ += per_axis * glm::dot(across, across);
-  }
+  spread_ = per_axis * squared_edges(shape, s.hi - s.lo);
+  balls_ = FieldBalls({{intensity_, centre_, spread_}}, media);
 }
 
 /// The power of each voxel, from the emission at its corners.
-void FieldLight::measure_bricks(const Task& task) {
+void FieldLight::measure_bricks(std::span<const Medium> media, const Task& task) {
   const Medium& shape = field_.shape();
   const BrickGrid& grid = shape.bricks();
   const int n = grid.cell_size(), Y = grid.stored(), X = Y * Y;
@@ -85,6 +94,8 @@ void FieldLight::measure_bricks(const Task& task) {
       }
   });
   Moments all;
+  const double voxel_spread = squared_edges(shape, dvec3(1)) / 12;
+  std::vector<FieldBalls::Glow> glows;
   ivec3 c;
   for (c.x = 0; c.x < grid.cells().x; ++c.x)
     for (c.y = 0; c.y < grid.cells().y; ++c.y)
@@ -98,6 +109,9 @@ void FieldLight::measure_bricks(const Task& task) {
         all.first += own.sum * corner + own.first;
         all.second += own.sum * glm::dot(corner, corner) + 2.0 * glm::dot(corner, own.first) + own.second;
         cells_.push_back({c, all.sum});
+        const dvec3 middle = own.first / own.sum;
+        glows.push_back({own.sum * shape.voxel_volume(), corner + middle,
+                         std::max(0.0, own.second / own.sum - glm::dot(middle, middle)) + voxel_spread});
       }
   if (!(all.sum > 0)) return;
   const double voxel = shape.voxel_volume();
@@ -107,6 +121,7 @@ void FieldLight::measure_bricks(const Task& task) {
   spread_ = std::max(0.0, all.second / all.sum - glm::dot(centre_, centre_));
   const auto scale = static_cast<float>(length_ / intensity_);
   for (float& d : densities_) d *= scale;
+  balls_ = FieldBalls(std::move(glows), media);
 }
 
 double FieldLight::seldom_found(const dvec3& p, double spread) const {

@@ -1,7 +1,9 @@
 #pragma once
+#include <span>
 #include <vector>
 
 #include "base/progress.h"
+#include "render/world/field_cones.h"
 #include "render/world/light.h"
 #include "volume/emission.h"
 
@@ -21,7 +23,8 @@ class FieldLight final : public Light {
   /// Whether a field can be one: it stands still.
   static bool fits(const EmissionField& field) { return !field.moves(); }
   /// @param field  what it refers to must outlive the light
-  explicit FieldLight(const EmissionField& field, const Task& task = {});
+  /// @param media  that scatter its light
+  explicit FieldLight(const EmissionField& field, std::span<const Medium> media = {}, const Task& task = {});
 
   LightSample sample(const dvec3& p, const dvec2& u) const override;
   double importance(const dvec3& p) const override;
@@ -40,13 +43,16 @@ class FieldLight final : public Light {
   /// How far a ray through the field shines, typically: the edge of a cube of as much even emission.
   double length() const { return length_; }
 
+  /// Around what emits in it.
+  const FieldBalls& balls() const { return balls_; }
+
  private:
   struct LitCell {
     ivec3 cell;
     double sum;  ///< of the shares of all cells up to this one
   };
   dvec3 draw(Rng& rng, double& density, dvec3& emission) const;
-  void measure_bricks(const Task& task);
+  void measure_bricks(std::span<const Medium> media, const Task& task);
 
   EmissionField field_;
   std::vector<float> densities_, rows_;  // rows_: by brick and row, the power of all rows up to it
@@ -55,6 +61,7 @@ class FieldLight final : public Light {
   double length_ = 0;
   dvec3 centre_{0};
   double spread_ = 0;  // mean square distance from the centre
+  FieldBalls balls_;
 };
 
 }  // namespace brume

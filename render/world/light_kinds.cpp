@@ -12,14 +12,13 @@ namespace {
 // Suns below this many degrees are exactly parallel: directions in single precision tell no more.
 constexpr double kParallel = 1e-5;
 
-// A unit vector around an axis: 1 - cos of its angle uniform in [0, one_minus_cos].
+}  // namespace
+
 dvec3 sample_cone(const dvec3& axis, double one_minus_cos, const dvec2& u) {
   const double h = u.x * one_minus_cos, s = std::sqrt(std::max(0.0, h * (2.0 - h)));
   const SinCos phi = portable_sincos_2pi(u.y);
   return glm::normalize(Frame(axis).to_world({s * phi.cos, s * phi.sin, 1.0 - h}));
 }
-
-}  // namespace
 
 Sun::Sun(const LightSettings& s)
     : InfiniteLight(s.visible_to_camera),

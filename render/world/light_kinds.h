@@ -11,6 +11,9 @@ namespace brume {
 
 class TriangleMesh;
 
+/// A unit vector around an axis: 1 - cos of its angle uniform in [0, one_minus_cos].
+dvec3 sample_cone(const dvec3& axis, double one_minus_cos, const dvec2& u);
+
 /// Parallel light from a disc around a direction.
 class Sun : public InfiniteLight {
  public:

@@ -3,6 +3,7 @@
 #include <fmt/format.h>
 
 #include <algorithm>
+#include <cmath>
 #include <set>
 #include <tuple>
 
@@ -16,6 +17,13 @@ namespace {
 // Importance is zero at one point only by accident, at two only for want of power.
 bool shines(const Light& light) {
   return light.importance(dvec3(0)) > 0 || light.importance(dvec3(1, 2, 3)) > 0;
+}
+
+/// What weighs a field where there are no other lights, which its samples would take away: directions have to find it
+/// from half as far away as FieldLight::seldom_found() tells. There far = q / (q + kNear), here q / (q + kNear / 4).
+double importance_alone(const FieldLight& field, const dvec3& p) {
+  const double far = std::sqrt(0.5 * field.seldom_found(p)), nearer = 4 * far / (1 + 3 * far);
+  return field.irradiance(p) * std::min(1.0, 2 * nearer * nearer);
 }
 
 }  // namespace
@@ -57,7 +65,7 @@ LightSample LightChoice::sample(const dvec3& p, double choice, const dvec2& u) c
     const double total = single_total(p) + (many ? many->importance : 0);
     double left = choice * total, importance = 0;
     for (; i < single_.size(); ++i) {
-      importance = single_[i]->importance(p);
+      importance = importance_of(*single_[i], p);
       if (left < importance) break;
       if (i + 1 == single_.size() && !many) {
         if (fields_alone_) return {};
@@ -88,8 +96,16 @@ double LightChoice::probability(const Light& light, const dvec3& p) const {
   const double total = single_total(p) + (many ? many->importance : 0);
   if (!(total > 0)) return 0;
   const auto in_tree = number_in_tree_.find(&light);
-  if (in_tree == number_in_tree_.end()) return light.importance(p) / total;
+  if (in_tree == number_in_tree_.end()) return importance_of(light, p) / total;
   return many->importance / total * tree_.probability(*many, p, in_tree->second);
+}
+
+double LightChoice::importance(const dvec3& p) const {
+  return single_total(p) + (tree_.empty() ? 0.0 : tree_.cut(p).importance);
+}
+
+double LightChoice::importance_of(const Light& light, const dvec3& p) const {
+  return nearer_ ? importance_alone(static_cast<const FieldLight&>(light), p) : light.importance(p);
 }
 
 double LightChoice::single_total(const dvec3& p) const {
@@ -159,10 +175,10 @@ void Lights::set_emissions(const std::vector<size_t>& volumes) {
   for (const size_t volume : volumes) emission_groups_.push_back(groups().empty() ? 0 : groups_.volumes[volume]);
 }
 
-void Lights::add_field(const EmissionField& field, const Task& task) {
+void Lights::add_field(const EmissionField& field, std::span<const Medium> media, const Task& task) {
   fields_.push_back(nullptr);
   if (!FieldLight::fits(field)) return;
-  auto light = std::make_unique<FieldLight>(field, task);
+  auto light = std::make_unique<FieldLight>(field, media, task);
   if (!shines(*light)) return;
   light->group = group_of_emission(fields_.size() - 1);
   fields_.back() = light.get();
@@ -198,6 +214,22 @@ void Lights::finish(const std::string& mode) {
   all_choice_ = LightChoice(sampled);
   std::erase_if(sampled, [](const Light* light) { return dynamic_cast<const FieldLight*>(light) != nullptr; });
   choice_without_fields_ = LightChoice(std::move(sampled));
+}
+
+bool Lights::any_scattered_field() const {
+  return std::any_of(fields_.begin(), fields_.end(),
+                     [](const FieldLight* field) { return field && field->balls().scatter(); });
+}
+
+FieldCones Lights::field_cones(const dvec3& p, const dvec3& normal) const {
+  FieldCones cones;
+  for (const FieldLight* field : fields_)
+    if (field) field->balls().add_cones(p, normal, cones);
+  if (cones.empty()) return cones;
+  double others = choice_without_fields_.importance(p);
+  if (environment_->constant()) others += environment_->importance(p);
+  cones.finish(others);
+  return cones;
 }
 
 bool Lights::any_delta() const {

@@ -2,12 +2,14 @@
 #include <algorithm>
 #include <memory>
 #include <optional>
+#include <span>
 #include <string>
 #include <unordered_map>
 #include <vector>
 
 #include "render/scene/light_groups.h"
 #include "render/world/environment.h"
+#include "render/world/field_cones.h"
 #include "render/world/field_light.h"
 #include "render/world/light_kinds.h"
 #include "render/world/light_tree.h"
@@ -27,8 +29,13 @@ class LightChoice {
   LightSample sample(const dvec3& p, double choice, const dvec2& u) const;
   /// Probability that sample() picks the light from p; 0 for one that is never picked.
   double probability(const Light& light, const dvec3& p) const;
+  /// Sum of the importance of all of them.
+  double importance(const dvec3& p) const;
+  /// Samples fields from nearer by, where there is no other light, which their samples would take away.
+  void sample_fields_nearer(bool nearer) { nearer_ = nearer && fields_alone_; }
 
  private:
+  double importance_of(const Light& light, const dvec3& p) const;
   double single_total(const dvec3& p) const;
 
   std::vector<const Light*> lights_;
@@ -36,6 +43,7 @@ class LightChoice {
   LightTree tree_;                    // of many that stand somewhere
   std::unordered_map<const Light*, size_t> number_, number_in_tree_;
   bool fields_alone_ = false;
+  bool nearer_ = false;
   bool same_everywhere_ = true;  // only infinite lights: the choice does not depend on the point
   std::vector<double> share_;    // where same_everywhere_
 };
@@ -51,7 +59,11 @@ class Lights {
   /// The volumes of all fields that emit. @param volumes  numbers in the scene
   void set_emissions(const std::vector<size_t>& volumes);
   /// A field that emits; fields keep their order. One that moves or emits nothing is no light.
-  void add_field(const EmissionField& field, const Task& task = {});
+  /// @param media  that scatter its light
+  void add_field(const EmissionField& field, std::span<const Medium> media, const Task& task = {});
+  /// Whether directions aim at fields that emit, too (Plan::aims_at_fire): points of fields are sampled from nearer by
+  /// then, where there is no other light.
+  void aim_at_fields(bool aims) { all_choice_.sample_fields_nearer(aims); }
   /// To be called once all lights are there.
   void finish(const std::string& mode);
 
@@ -108,6 +120,10 @@ class Lights {
   bool any_delta() const;
   /// What a vertex chooses among. @param fields  whether it samples fields that emit
   const LightChoice& choice(bool fields = true) const { return fields ? all_choice_ : choice_without_fields_; }
+  /// Whether smoke scatters the light of fields, so that field_cones() has any.
+  bool any_scattered_field() const;
+  /// Directions from a point to fields that emit. @param normal  of a surface that scatters to one side; 0: to all
+  FieldCones field_cones(const dvec3& p, const dvec3& normal = dvec3(0)) const;
   /// A sample of the choice without radiance where another finite light is in the way.
   LightSample sample_visible(const dvec3& p, double choice, const dvec2& u, bool fields) const;
   /// Lights of no power, and what the environment has to say.
