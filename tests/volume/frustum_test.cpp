@@ -47,6 +47,27 @@ typename Grid::Ptr filled(const std::string& name, const typename Grid::ValueTyp
   return grid;
 }
 
+/// Calls check(place in the world, voxel) for the voxels of a field that lie well inside the frustum. @return how many
+template <class Check>
+int each_inside(const dmat4& world_from_index, const BrickGrid& bricks, const Check& check) {
+  const auto map = frustum();
+  const ivec3 size = ivec3(bricks.support_hi()) + 1;
+  int inside = 0;
+  for (int x = 0; x < size.x; ++x)
+    for (int y = 0; y < size.y; ++y)
+      for (int z = 0; z < size.z; ++z) {
+        const dvec3 voxel = dvec3(bricks.origin() + ivec3(x, y, z));
+        const dvec3 world = dvec3(world_from_index[3]) + dmat3(world_from_index) * voxel;
+        const Vec3d at(world.x, world.y, world.z), index = map->worldToIndex(at);
+        if (index.x() < 1 || index.y() < 1 || index.z() < 1 || index.x() > kSide - 2 || index.y() > kSide - 2 ||
+            index.z() > kDepth - 2)
+          continue;
+        ++inside;
+        check(at, ivec3(x, y, z));
+      }
+  return inside;
+}
+
 class Frustum : public ::testing::Test {
  protected:
   void write(const openvdb::GridPtrVec& grids) const {
@@ -54,26 +75,6 @@ class Frustum : public ::testing::Test {
     file.write(grids);
     file.close();
   }
-  /// Calls check(value's place in the world, voxel) for the voxels of a field that lie well inside the frustum.
-  template <class Check>
-  static int each_inside(const dmat4& world_from_index, const BrickGrid& bricks, const Check& check) {
-    const auto map = frustum();
-    const ivec3 lo = bricks.origin(), size = ivec3(bricks.support_hi()) + 1;
-    int inside = 0;
-    for (int x = 0; x < size.x; ++x)
-      for (int y = 0; y < size.y; ++y)
-        for (int z = 0; z < size.z; ++z) {
-          const dvec4 at = world_from_index * dvec4(dvec3(lo + ivec3(x, y, z)), 1);
-          const Vec3d index = map->worldToIndex(Vec3d(at.x, at.y, at.z));
-          if (index.x() < 1 || index.y() < 1 || index.z() < 1 || index.x() > kSide - 2 || index.y() > kSide - 2 ||
-              index.z() > kDepth - 2)
-            continue;
-          ++inside;
-          check(Vec3d(at.x, at.y, at.z), ivec3(x, y, z));
-        }
-    return inside;
-  }
-
   test::TemporaryFolder folder_;
   std::filesystem::path path_ = folder_ / "frustum.vdb";
 };
