@@ -77,6 +77,12 @@ double free_path(const GuideMedia& media, GuideColour colour, const Task& task) 
   return sum.y > 0 ? sum.x / sum.y : std::numeric_limits<double>::infinity();
 }
 
+/// Whether broad forward peaks count as not scattered. Not where lamps shine into one medium: their light is followed
+/// with second moments, which say more than a peak does.
+bool broad_peaks_count(const GuideMedia& media, const Lights& lights) {
+  return media.media().size() != 1 || !lights.suns().empty() || (lights.finite().empty() && lights.points().empty());
+}
+
 LatticeRegion all_of(std::span<const LatticeRegion> regions) {
   LatticeRegion all = regions.front();
   for (const LatticeRegion& r : regions)
@@ -228,7 +234,7 @@ LightFields::LightFields(const std::vector<GuideMedia>& times, const Lights& lig
     fine_ = *graded;
   coarse_ = fine_.planes ? fine_.every_second()
                          : Lattice::over(media.lo(), media.hi(), 2 * fine_.spacing, static_cast<size_t>(most));
-  ScatteringSolver solver(fine_, media, colour, task), coarse(coarse_, solver, task);
+  ScatteringSolver solver(fine_, media, colour, task, broad_peaks_count(media, lights)), coarse(coarse_, solver, task);
   near_ = solver.near_media();
   scale_ = solver.mean_scale();
   colour_ = colour;
@@ -335,10 +341,12 @@ void LightFields::solve(GuideLight& light, const LightSolve& solving, Scattering
   // Of a lamp's light, which may be a narrow beam, the first scattering is known better than by its moments.
   const bool beam = light.sharp() && !light.sharp()->sun() && fine.second_moments();
   Radiance of_beam = beam ? fine.transport_beam(arriving) : Radiance();
+  const bool keeps_second = beam && !fine.broad_peaks();
   Source scattered = fine.scatter(std::move(arriving));
   for (size_t g = 0; g < first.size(); ++g)
-    light.orders.push_back(g == 0 ? fine.nothing<Source>(scattered.known())
-                                  : (g < GuideLight::kFineGuides ? fine : coarse).nothing<Source>());
+    light.orders.push_back(g == 0 || (keeps_second && g < GuideLight::kFineGuides)
+                               ? fine.nothing<Source>(scattered.known())
+                               : (g < GuideLight::kFineGuides ? fine : coarse).nothing<Source>());
   Source fine_orders;
   if (ambient_light_) fine_orders = scattered;
   size_t g = 0;
@@ -346,7 +354,7 @@ void LightFields::solve(GuideLight& light, const LightSolve& solving, Scattering
     scattered = fine.scatter(beam && order == 2 ? std::move(of_beam) : fine.transport(std::move(scattered)));
     if (order >= first[g + 1]) ++g;
     fine.add(scattered, light.orders[g]);
-    scattered.drop_second();
+    if (!keeps_second) scattered.drop_second();
     if (ambient_light_) fine.add(scattered, fine_orders);
   }
   const Emission emission = coarse.emission_from(fine, std::exchange(scattered, {}));

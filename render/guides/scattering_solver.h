@@ -84,12 +84,15 @@ class SkyShares {
 ///
 /// Scattering is taken to the first moment. A forward peak of weight g^2 counts as not scattered at all, and what is
 /// left varies linearly with the cosine; where peaks are broad and weigh less (forward_peak.h), it has a second moment,
-/// without which a beam would be scattered sideways twice as much: of lights' first scattering. Light that leaves the
+/// without which a beam would be scattered sideways twice as much: of lights' first scattering, and where broad peaks
+/// are left out of lamps' next ones, too. Light that leaves the
 /// media by more than a few nodes does not come back. Sources: Joseph, Wiscombe, Weinman 1976, The delta-Eddington
 /// approximation; Kunasz, Auer 1988 for the sweeps.
 class ScatteringSolver {
  public:
-  ScatteringSolver(const Lattice& lattice, const GuideMedia& media, GuideColour colour, const Task& task);
+  /// @param broad_peaks  as peak_weight() has it
+  ScatteringSolver(const Lattice& lattice, const GuideMedia& media, GuideColour colour, const Task& task,
+                   bool broad_peaks = true);
   /// The same media on a lattice of twice the spacing.
   ScatteringSolver(const Lattice& lattice, const ScatteringSolver& fine, const Task& task);
 
@@ -98,6 +101,7 @@ class ScatteringSolver {
   const Lattice& lattice() const { return lattice_; }
   /// Whether what is left of scattering has second moments that matter.
   bool second_moments() const { return !quadratic_.empty(); }
+  bool broad_peaks() const { return broad_peaks_; }
   /// Of radiance along known directions that are to be followed.
   size_t moments() const { return second_moments() ? kMostMoments : 4; }
   /// Per spacing.
@@ -263,6 +267,7 @@ class ScatteringSolver {
   Emission source_, y_major_source_;
   std::array<Bundle, 6> bundles_;  // towards -x, x, -y, y, -z, z
   double mean_scale_ = 1;
+  bool broad_peaks_ = true;
 };
 
 }  // namespace brume

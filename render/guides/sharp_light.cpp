@@ -107,20 +107,33 @@ void add_lamp(const LightSolve& solve, const KnownLight& light, size_t node, con
   add_beam(arriving, node, in_colour(irradiance, solve.colour) * share, mean.mean_cosine() * mean.towards);
 }
 
+/// Whether all of a ball shines on a surface: its irradiance then is that of all its light along its axis.
+bool ball_above(const KnownLight& lamp, const ArrivingLight& all, const dvec3& normal) {
+  if (!base_of(lamp).centre() || !(all.radius > 0)) return false;
+  return glm::dot(all.towards, normal) > all.radius / (all.distance + all.radius);
+}
+
 /// What a surface reflects of a light by points of it: few, or more where parts of it are hidden.
 Lit lamp_onto(const KnownLight& lamp, const LitSurfaces& surfaces, const dvec3& p, const dvec3& normal) {
   constexpr int kFewAcross = 2;
   const bool wide = has_extent(lamp);
+  const ArrivingLight all = arriving_light(lamp, p);
+  const bool whole_ball = ball_above(lamp, all, normal);
   const auto shines = [&](const LightSample& s) {
     return s.pdf > 0 && glm::dot(s.wi, normal) > 0 && s.radiance != dvec3(0);
   };
-  bool any = !wide;
+  bool any = !wide || whole_ball;
   for (int i = 0; i < kRimPoints && !any; ++i) any = shines(at_rim(lamp, p, i));
   if (!any) return {};
   const std::optional<dvec3> alike = wide ? left_alike(lamp, *surfaces.surfaces, p) : std::nullopt;
   if (alike == dvec3(0)) return {};
-  const int across = !wide ? 1 : alike ? kFewAcross : kPenumbraAcross;
   Lit sum;
+  if (alike && whole_ball) {
+    sum.add(glm::dot(all.towards, normal) / kPi * all.irradiance * *alike,
+            surfaces.shares(p, all.towards, all.distance));
+    return sum;
+  }
+  const int across = !wide ? 1 : alike ? kFewAcross : kPenumbraAcross;
   for (int i = 0; i < across * across; ++i) {
     const LightSample s = base_of(lamp).sample(p, (dvec2(i % across, i / across) + 0.5) / static_cast<double>(across));
     if (!shines(s)) continue;
