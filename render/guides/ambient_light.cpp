@@ -55,6 +55,16 @@ AmbientLight::AmbientLight(const Lattice& lattice, double scale, size_t groups)
       groups_(groups),
       of_groups_(nodes_.size() * groups, vec3(0)) {}
 
+AmbientLight AmbientLight::dark() const {
+  AmbientLight media(lattice_, scale_);
+  media.extinctions_ = extinctions_;
+  return media;
+}
+
+size_t AmbientLight::bytes() const {
+  return extinctions_.size() * sizeof(float) + nodes_.size() * sizeof(Node) + of_groups_.size() * sizeof(vec3);
+}
+
 std::optional<size_t> AmbientLight::node_at(const dvec3& place) const {
   const ivec3 node(glm::floor(place + 0.5));
   if (glm::any(glm::lessThan(node, ivec3(0))) || glm::any(glm::greaterThanEqual(node, lattice_.n))) return {};
@@ -82,10 +92,11 @@ AmbientLight::Incident AmbientLight::along(const dvec3& p, const dvec3& directio
     const double turned = turned_towards(*node, -direction);
     for (int c = 0; c < 3; ++c) {
       const auto k = static_cast<size_t>(c);
-      const double emitted = static_cast<double>(node->emitted[k]);
+      const double emitted = static_cast<double>(node->emitted[k]),
+                   emitted_through_peak = std::max(0.0, seen - seen_unscattered) * emitted;
       light.emitted[c] += seen_unscattered * emitted;
-      light.scattered[c] +=
-          seen * turned * static_cast<double>(node->scattered[k]) + std::max(0.0, seen - seen_unscattered) * emitted;
+      light.scattered[c] += seen * turned * static_cast<double>(node->scattered[k]) + emitted_through_peak;
+      if (!of_groups.empty() && group_of_emissions_) of_groups[*group_of_emissions_][c] += emitted_through_peak;
     }
     for (size_t g = 0; g < of_groups.size(); ++g) of_groups[g] += seen * turned * dvec3(of_groups_[*at * groups_ + g]);
     scaled *= left;

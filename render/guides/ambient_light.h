@@ -24,6 +24,11 @@ class AmbientLight {
   const Lattice& lattice() const { return lattice_; }
   std::vector<Node>& nodes() { return nodes_; }
   size_t groups() const { return groups_; }
+  /// The same media, which send out nothing yet, and of no groups.
+  AmbientLight dark() const;
+  size_t bytes() const;
+  /// The group of all that media emit; nothing where it is of several.
+  void set_group_of_emissions(std::optional<size_t> group) { group_of_emissions_ = group; }
   /// RGB of the mean that a node scatters of each light group.
   std::span<vec3> of_groups(size_t node) { return {of_groups_.data() + node * groups_, groups_}; }
   size_t index(int x, int y, int z) const { return (static_cast<size_t>(x) * lattice_.n.y + y) * lattice_.n.z + z; }
@@ -51,6 +56,7 @@ class AmbientLight {
   std::vector<Node> nodes_;
   size_t groups_;
   std::vector<vec3> of_groups_;
+  std::optional<size_t> group_of_emissions_;
 };
 
 }  // namespace brume

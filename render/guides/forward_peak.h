@@ -11,10 +11,9 @@ namespace brume {
 /// Share of scattering by a Henyey-Greenstein phase function that counts as straight on. The square of the mean cosine
 /// keeps the second moment; where the peak is broad (g below 0.7) that would keep together what spreads, and there is
 /// less of it.
-/// @param broad  whether broad peaks count so at all
 inline constexpr double kNarrowPeak = 0.7;
-inline double peak_weight(double g, bool broad = true) {
-  if (!(g > 0) || (!broad && g < kNarrowPeak)) return 0;
+inline double peak_weight(double g) {
+  if (!(g > 0)) return 0;
   const double share = std::min(1.0, g / kNarrowPeak);
   return g * g * share * share * share * share;
 }

@@ -77,10 +77,15 @@ double free_path(const GuideMedia& media, GuideColour colour, const Task& task) 
   return sum.y > 0 ? sum.x / sum.y : std::numeric_limits<double>::infinity();
 }
 
-/// Whether broad forward peaks count as not scattered. Not where lamps shine into one medium: their light is followed
-/// with second moments, which say more than a peak does.
-bool broad_peaks_count(const GuideMedia& media, const Lights& lights) {
-  return media.media().size() != 1 || !lights.suns().empty() || (lights.finite().empty() && lights.points().empty());
+/// Whether lamps and no sun shine into one medium. Their light is followed with second moments, which say more than a
+/// broad forward peak does that counts as not scattered.
+bool lamps_alone(const GuideMedia& media, const Lights& lights, const SkyParts& sky) {
+  const dvec3 middle = 0.5 * (media.lo() + media.hi());
+  const auto any_shines = [&](const auto& all) {
+    return std::any_of(all.begin(), all.end(), [&](const auto& light) { return light->importance(middle) > 0; });
+  };
+  return media.media().size() == 1 && !any_shines(lights.suns()) && !any_shines(sky.suns()) &&
+         (any_shines(lights.finite()) || any_shines(lights.points()));
 }
 
 LatticeRegion all_of(std::span<const LatticeRegion> regions) {
@@ -234,7 +239,8 @@ LightFields::LightFields(const std::vector<GuideMedia>& times, const Lights& lig
     fine_ = *graded;
   coarse_ = fine_.planes ? fine_.every_second()
                          : Lattice::over(media.lo(), media.hi(), 2 * fine_.spacing, static_cast<size_t>(most));
-  ScatteringSolver solver(fine_, media, colour, task, broad_peaks_count(media, lights)), coarse(coarse_, solver, task);
+  ScatteringSolver solver(fine_, media, colour, task, lamps_alone(media, lights, sky_parts_)),
+      coarse(coarse_, solver, task);
   near_ = solver.near_media();
   scale_ = solver.mean_scale();
   colour_ = colour;
@@ -243,6 +249,7 @@ LightFields::LightFields(const std::vector<GuideMedia>& times, const Lights& lig
     const bool groups = !media.mixed_tints() && !lights.groups().empty();
     ambient_light_.emplace(coarse_, scale_, groups ? lights.groups().size() : 0);
     if (groups) sky_group_ = static_cast<int>(lights.environment()->group);
+    if (groups) ambient_light_->set_group_of_emissions(lights.group_of_all_emissions());
     if (colour == kGrey && media.mixed_tints()) node_tints_.resize(ambient_light_->nodes().size());
     coarse.each_node([&](int x, int y, int z, size_t i) {
       const size_t at = ambient_light_->index(x, y, z);
@@ -280,8 +287,7 @@ void LightFields::add_surface_light(LightSolve& solving, ScatteringSolver& coars
 }
 
 AmbientLight LightFields::scattered_by_media(const SurfaceLight& light, ScatteringSolver& coarse) const {
-  AmbientLight scattering = *ambient_light_;
-  std::fill(scattering.nodes().begin(), scattering.nodes().end(), AmbientLight::Node());
+  AmbientLight scattering = ambient_light_->dark();
   Radiance arriving = coarse.nothing<Radiance>();
   coarse.each_node([&](int x, int y, int z, size_t i) {
     if (coarse.extinction()[i] == 0) return;
@@ -341,7 +347,7 @@ void LightFields::solve(GuideLight& light, const LightSolve& solving, Scattering
   // Of a lamp's light, which may be a narrow beam, the first scattering is known better than by its moments.
   const bool beam = light.sharp() && !light.sharp()->sun() && fine.second_moments();
   Radiance of_beam = beam ? fine.transport_beam(arriving) : Radiance();
-  const bool keeps_second = beam && !fine.broad_peaks();
+  const bool keeps_second = beam && !fine.has_peak();
   Source scattered = fine.scatter(std::move(arriving));
   for (size_t g = 0; g < first.size(); ++g)
     light.orders.push_back(g == 0 || (keeps_second && g < GuideLight::kFineGuides)
@@ -399,7 +405,7 @@ void LightFields::solve(GuideLight& light, const LightSolve& solving, Scattering
 }
 
 size_t LightFields::bytes() const {
-  size_t floats = 0, others = sky_.bytes();
+  size_t floats = 0, others = sky_.bytes() + (ambient_light_ ? ambient_light_->bytes() : 0);
   for (const auto& light : lights_) {
     others += light->bytes();
     for (const NodeValues& v : light->unscattered) floats += v.size();

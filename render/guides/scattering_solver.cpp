@@ -49,9 +49,9 @@ const std::vector<dvec3>& ScatteringSolver::directions() {
 }
 
 ScatteringSolver::ScatteringSolver(const Lattice& lattice, const GuideMedia& media, GuideColour colour,
-                                   const Task& task, bool broad_peaks)
+                                   const Task& task, bool leave_out_broad_peak)
     : ScatteringSolver(lattice, task) {
-  broad_peaks_ = broad_peaks;
+  has_peak_ = !leave_out_broad_peak || media.mean_cosine(0) >= kNarrowPeak;
   // Means over the cells around the nodes, from lines along rows of them, a spacing after the other.
   const double cube = lattice.spacing;
   const int inner = std::clamp(static_cast<int>(std::lround(cube / media.voxel())), 1, 3);
@@ -98,7 +98,7 @@ ScatteringSolver::ScatteringSolver(const Lattice& lattice, const GuideMedia& med
       if (!(node.extinction > 0)) continue;
       const double albedo = node.scattered / node.extinction;
       const double g = node.scattered > 0 ? node.linear / node.scattered : 0;
-      const double peak = peak_weight(g, broad_peaks_), left = 1 - albedo * peak;
+      const double peak = has_peak_ ? peak_weight(g) : 0, left = 1 - albedo * peak;
       node.extinction *= cube / (lines_x * lines_y * inner);
       node.scaled = node.extinction * left;
       node.scattered = node.scaled * albedo * (1 - peak) / left;
@@ -111,6 +111,7 @@ ScatteringSolver::ScatteringSolver(const Lattice& lattice, const GuideMedia& med
 
 ScatteringSolver::ScatteringSolver(const Lattice& lattice, const ScatteringSolver& fine, const Task& task)
     : ScatteringSolver(lattice, task) {
+  has_peak_ = fine.has_peak_;
   NodeValues scattered(fine.scaled_.size()), linear(fine.scaled_.size());
   for (size_t i = 0; i < scattered.size(); ++i) {
     scattered[i] = fine.scaled_[i] * fine.albedo_[i];
@@ -463,7 +464,7 @@ Radiance ScatteringSolver::transport_beam(const Radiance& arriving) {
             const dvec3 flux(arriving[1][i], arriving[2][i], arriving[3][i]);
             const double length = glm::length(flux), narrow = std::min(1.0, length / mean);
             const auto g = static_cast<double>(cosine_[i]);
-            const double peak = peak_weight(g, broad_peaks_);
+            const double peak = has_peak_ ? peak_weight(g) : 0;
             const HenyeyGreenstein all{g * narrow}, of_peak{kPeakMeanCosine * narrow};
             const double scattered =
                 4 * kPi * kShare * mean * static_cast<double>(scaled_[i] * albedo_[i]) / (1 - peak);

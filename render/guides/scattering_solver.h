@@ -90,9 +90,9 @@ class SkyShares {
 /// approximation; Kunasz, Auer 1988 for the sweeps.
 class ScatteringSolver {
  public:
-  /// @param broad_peaks  as peak_weight() has it
+  /// @param leave_out_broad_peak  of the only medium: where its g is below kNarrowPeak all light counts as scattered
   ScatteringSolver(const Lattice& lattice, const GuideMedia& media, GuideColour colour, const Task& task,
-                   bool broad_peaks = true);
+                   bool leave_out_broad_peak = false);
   /// The same media on a lattice of twice the spacing.
   ScatteringSolver(const Lattice& lattice, const ScatteringSolver& fine, const Task& task);
 
@@ -101,7 +101,8 @@ class ScatteringSolver {
   const Lattice& lattice() const { return lattice_; }
   /// Whether what is left of scattering has second moments that matter.
   bool second_moments() const { return !quadratic_.empty(); }
-  bool broad_peaks() const { return broad_peaks_; }
+  /// Whether light that is scattered nearly straight on counts as not scattered.
+  bool has_peak() const { return has_peak_; }
   /// Of radiance along known directions that are to be followed.
   size_t moments() const { return second_moments() ? kMostMoments : 4; }
   /// Per spacing.
@@ -267,7 +268,7 @@ class ScatteringSolver {
   Emission source_, y_major_source_;
   std::array<Bundle, 6> bundles_;  // towards -x, x, -y, y, -z, z
   double mean_scale_ = 1;
-  bool broad_peaks_ = true;
+  bool has_peak_ = true;
 };
 
 }  // namespace brume

@@ -107,7 +107,8 @@ void add_lamp(const LightSolve& solve, const KnownLight& light, size_t node, con
   add_beam(arriving, node, in_colour(irradiance, solve.colour) * share, mean.mean_cosine() * mean.towards);
 }
 
-/// Whether all of a ball shines on a surface: its irradiance then is that of all its light along its axis.
+/// Whether all of a ball shines on a surface, which then is lit as along its axis, by what it sends times its mean
+/// cosine.
 bool ball_above(const KnownLight& lamp, const ArrivingLight& all, const dvec3& normal) {
   if (!base_of(lamp).centre() || !(all.radius > 0)) return false;
   return glm::dot(all.towards, normal) > all.radius / (all.distance + all.radius);
@@ -129,7 +130,7 @@ Lit lamp_onto(const KnownLight& lamp, const LitSurfaces& surfaces, const dvec3& 
   if (alike == dvec3(0)) return {};
   Lit sum;
   if (alike && whole_ball) {
-    sum.add(glm::dot(all.towards, normal) / kPi * all.irradiance * *alike,
+    sum.add(glm::dot(all.towards, normal) / kPi * all.mean_cosine() * all.irradiance * *alike,
             surfaces.shares(p, all.towards, all.distance));
     return sum;
   }

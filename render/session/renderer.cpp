@@ -83,8 +83,14 @@ std::vector<std::string> PreparedScene::notes_for(const Scene& scene, const Laye
 void PreparedScene::become(Scene scene, const LayerRequest& layers, const Task& task) {
   if (world_of(scene) != world_of(scene_)) throw std::logic_error("PreparedScene::become: a scene of another world");
   const Camera camera(scene.camera, scene.film.width, scene.film.height, world_shift());
-  context_ = context_for(scene, camera, make_plan(scene, media_, lights_, surfaces_.get(), camera, layers), task);
-  lights_.aim_at_fields(context_.plan.aims_at_fire);
+  const Plan plan = make_plan(scene, media_, lights_, surfaces_.get(), camera, layers);
+  lights_.aim_at_fields(plan.aims_at_fire);
+  try {
+    context_ = context_for(scene, camera, plan, task);
+  } catch (...) {  // it stays what it was
+    lights_.aim_at_fields(context_.plan.aims_at_fire);
+    throw;
+  }
   notes_ = notes_for(scene, layers);
   scene_ = std::move(scene);
 }

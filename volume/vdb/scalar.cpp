@@ -99,6 +99,15 @@ openvdb::GridBase::Ptr as_numbers(const openvdb::GridBase::Ptr& grid, std::vecto
   return result;
 }
 
+/// Values that no density has, before they are interpolated: negative ones and NaN become 0, infinite ones the largest.
+void clean_values(openvdb::GridBase& grid, double largest) {
+  grid.apply<openvdb::TypeList<openvdb::FloatGrid, openvdb::DoubleGrid>>([&](auto& typed) {
+    using Value = typename std::decay_t<decltype(typed)>::ValueType;
+    for (auto it = typed.beginValueOn(); it; ++it)
+      if (!(*it >= 0) || std::isinf(*it)) it.setValue(*it > 0 ? static_cast<Value>(largest) : Value(0));
+  });
+}
+
 /// From now on the values of leaves are read when they are looked at, from the file itself.
 void reopen_for_passing(openvdb::io::File& file) {
   file.close();
@@ -137,9 +146,15 @@ ScalarField read_scalar(Reading& reading, const fs::path& path, const ScalarOpti
     field.notes.push_back(fmt::format("grid '{}': the level set's inside was converted to fog", s.name));
   }
   if (!s.linear) {
+    clean_values(*grid, s.maximum);
     grid = with_equal_voxels(path, grid, field.notes, reading.task);
-    field.summary = summarize(*grid, reading.task);
-    field.summary.name = name;
+    GridSummary sampled = summarize(*grid, reading.task);
+    sampled.name = name;
+    sampled.nan_count = s.nan_count;
+    sampled.infinite_count = s.infinite_count;
+    sampled.minus_infinite_count = s.minus_infinite_count;
+    sampled.negative_count = s.negative_count;
+    field.summary = sampled;
   }
   field.world_from_index = s.world_from_index;
   if (s.active_voxels == 0) {

@@ -52,8 +52,7 @@ uint64_t halve(Reading& reading, const fs::path& path, const std::string& name, 
   std::vector<std::string> notes;
   const auto stored = file->readGrid(choose_grid(*file, path, name, GridUse::kDensity, notes));
   reading.limits.reset();
-  const auto base = with_equal_voxels(path, stored, notes, reading.task);
-  const GridSummary s = summarize(*base, reading.task);
+  const GridSummary s = summarize(*stored, reading.task);
   check_scalar_field(path, s, *file);
   if (s.grid_class == "level set" || s.nan_count || s.infinite_count || s.negative_count)
     fail(
@@ -61,7 +60,7 @@ uint64_t halve(Reading& reading, const fs::path& path, const std::string& name, 
         fmt::format(
             "grid '{}' is a level set or holds NaN, infinite or negative voxels; expected a clean fog volume to average",
             s.name));
-  const auto source = openvdb::gridPtrCast<openvdb::FloatGrid>(base);
+  const auto source = openvdb::gridPtrCast<openvdb::FloatGrid>(with_equal_voxels(path, stored, notes, reading.task));
   if (!source) fail(path, fmt::format("grid '{}' is of type double; halving takes float grids", s.name));
   auto grid = openvdb::FloatGrid::create(0.0f);
   grid->setName("density");
