@@ -188,6 +188,28 @@ TEST(EmittingMeshes, ARingLightsTheFloorBelowItsMiddleAsTheClosedForm) {
   EXPECT_NEAR(solved.irradiance(p, {0, 0, 1}) / (0.9886 * expected), 1.0, 0.02);
 }
 
+// A ball of radiance L and radius r, its middle by d from a point whose normal is at an angle b to it: E = L pi (r /
+// d)^2 cos b where all of it is above the horizon.
+TEST(Lamps, ABallLightsAFloorAsTheClosedForm) {
+  constexpr double kRadius = 0.5, kRadiance = 3;
+  for (const double height : {0.55, 0.7, 1.0, 3.0})
+    for (const double aside : {0.0, 0.1, 0.8}) {
+      Scene scene = haze(0.1, 1e-4, 0.5);
+      scene.environment.radiance = dvec3(0);
+      scene.lights.emplace_back();
+      scene.lights[0].type = "sphere";
+      scene.lights[0].position = dvec3(aside, 0, height - 1);
+      scene.lights[0].radius = kRadius;
+      scene.lights[0].radiance = dvec3(kRadiance);
+      scene.surfaces.push_back(floor_of(3, -1, 0.0));
+      const Solved solved(scene);
+      const double distance = std::hypot(height, aside), sine = kRadius / distance, cosine = height / distance;
+      const dvec3 p = dvec3(0, 0, -1 + 1e-6) - solved.scene.world_shift();
+      EXPECT_NEAR(solved.irradiance(p, {0, 0, 1}) / (kRadiance * kPi * sine * sine * cosine), 1.0, 0.02)
+          << height << " " << aside;
+    }
+}
+
 double mean_of(const Layers& frame, const std::string& layer, size_t channel) {
   double sum = 0;
   for (int y = 0; y < frame.height(); ++y)
