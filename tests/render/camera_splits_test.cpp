@@ -14,8 +14,8 @@
 #include "base/running_statistics.h"
 #include "render/session/renderer.h"
 #include "render/transport/wavefront.h"
-#include "render/world/camera.h"
 #include "tests/support/files.h"
+#include "tests/support/fire_pictures.h"
 #include "tests/support/reference_frame.h"
 #include "tests/support/targets.h"
 #include "tests/support/volumes.h"
@@ -24,48 +24,24 @@ namespace brume {
 namespace {
 
 using test::demo;
+using test::PictureMean;
 
 constexpr int kSize = 24;
 
-struct Mean {
-  double value = 0, variance = 0;  // of the picture's mean, from the spread within its pixels
-};
-
 /// Means of all members of a PathSample, and of the groups' light, over a picture.
-std::vector<Mean> means(const PreparedScene& scene, int paths, int spp, int64_t seed) {
+std::vector<PictureMean> means(const PreparedScene& scene, int paths, int spp, int64_t seed) {
   PathContext context = scene.context();
   context.plan.first_collision.paths = paths;
-  const Camera camera = scene.camera();
   constexpr size_t kValues = offsetof(PathSample, groups) / sizeof(double);
   const size_t groups = 3 * 4 * context.lights->groups().size();  // PathSample::groups
-  std::vector<Mean> all(kValues + groups);
-  for (int y = 0; y < kSize; ++y)
-    for (int x = 0; x < kSize; ++x) {
-      std::vector<PathRequest> requests;
-      for (int s = 0; s < spp; ++s) requests.push_back(scene.request(camera, seed, x, y, static_cast<uint32_t>(s)));
-      std::vector<RunningStatistics> pixel(all.size());
-      PathCounters counters;
-      trace_paths(
-          context, requests,
-          [&](size_t, const PathSample& sample) {
-            for (size_t k = 0; k < kValues; ++k) pixel[k].add(sample.values()[k]);
-            for (size_t k = 0; k < groups; ++k) pixel[kValues + k].add(sample.groups[k / 3][static_cast<int>(k % 3)]);
-          },
-          counters);
-      EXPECT_EQ(counters.paths, requests.size()) << "spp counts camera rays";
-      for (size_t k = 0; k < all.size(); ++k) {
-        all[k].value += pixel[k].mean / (kSize * kSize);
-        all[k].variance += pixel[k].mean_variance() / std::pow(kSize, 4);
-      }
-    }
-  return all;
+  return test::picture_means(
+      scene, context, kSize, kValues + groups, spp, seed, [](const PathSample& sample, size_t k) {
+        return k < kValues ? sample.values()[k] : sample.groups[(k - kValues) / 3][static_cast<int>((k - kValues) % 3)];
+      });
 }
 
 Scene fire(const std::function<void(Scene&)>& change) {
-  Scene scene = demo("fire", kSize);
-  scene.film.height = kSize;
-  change(scene);
-  return scene;
+  return test::fire_picture(kSize, change);
 }
 
 /// Fire alone, whose first collisions are forced; over its floor; in colours; behind a holdout and a shadow catcher.
@@ -89,7 +65,7 @@ TEST(CameraSplits, HaveTheMeansOfOnePathInEveryLayer) {
     layers.names.emplace_back("light_aimed");
     const PreparedScene prepared(scene, layers);
     ASSERT_TRUE(prepared.plan().seen_emission) << name;
-    const std::vector<Mean> one = means(prepared, 1, 256, 1), four = means(prepared, 4, 128, 2);
+    const std::vector<PictureMean> one = means(prepared, 1, 256, 1), four = means(prepared, 4, 128, 2);
     for (size_t k = 0; k < one.size(); ++k) {
       const double error = std::sqrt(one[k].variance + four[k].variance);
       EXPECT_NEAR(one[k].value, four[k].value, 5.5 * error + 1e-7 * std::abs(one[k].value))

@@ -14,8 +14,8 @@
 #include "base/running_statistics.h"
 #include "render/session/renderer.h"
 #include "render/transport/wavefront.h"
-#include "render/world/camera.h"
 #include "tests/support/files.h"
+#include "tests/support/fire_pictures.h"
 #include "tests/support/media_scenes.h"
 #include "tests/support/targets.h"
 #include "tests/support/volumes.h"
@@ -23,7 +23,7 @@
 namespace brume {
 namespace {
 
-using test::demo;
+using test::PictureMean;
 
 constexpr int kSize = 24;
 
@@ -188,42 +188,19 @@ TEST(FieldCones, SmokeThatScattersTellsHowManyDirectionsAimAtIt) {
   EXPECT_LT(thick, 0.5);
 }
 
-struct Mean {
-  double value = 0, variance = 0;  // of the picture's mean, from the spread within its pixels
-};
-
 /// Means of beauty, light scattered once, light on surfaces, and indirect light.
-std::vector<Mean> means(const PreparedScene& scene, const std::function<void(Plan&)>& change, int spp, int64_t seed) {
+std::vector<PictureMean> means(const PreparedScene& scene, const std::function<void(Plan&)>& change, int spp,
+                               int64_t seed) {
   PathContext context = scene.context();
   change(context.plan);
-  const Camera camera = scene.camera();
-  std::vector<Mean> all(12);
-  for (int y = 0; y < kSize; ++y)
-    for (int x = 0; x < kSize; ++x) {
-      std::vector<PathRequest> requests;
-      for (int s = 0; s < spp; ++s) requests.push_back(scene.request(camera, seed, x, y, static_cast<uint32_t>(s)));
-      std::vector<RunningStatistics> pixel(all.size());
-      PathCounters counters;
-      trace_paths(
-          context, requests,
-          [&](size_t, const PathSample& s) {
-            const dvec3 values[] = {s.beauty, s.single, s.surface, s.indirect};
-            for (size_t k = 0; k < all.size(); ++k) pixel[k].add(values[k / 3][static_cast<int>(k % 3)]);
-          },
-          counters);
-      for (size_t k = 0; k < all.size(); ++k) {
-        all[k].value += pixel[k].mean / (kSize * kSize);
-        all[k].variance += pixel[k].mean_variance() / std::pow(kSize, 4);
-      }
-    }
-  return all;
+  return test::picture_means(scene, context, kSize, 12, spp, seed, [](const PathSample& s, size_t k) {
+    const dvec3 values[] = {s.beauty, s.single, s.surface, s.indirect};
+    return values[k / 3][static_cast<int>(k % 3)];
+  });
 }
 
 Scene fire(const std::function<void(Scene&)>& change) {
-  Scene scene = demo("fire", kSize);
-  scene.film.height = kSize;
-  change(scene);
-  return scene;
+  return test::fire_picture(kSize, change);
 }
 
 /// With its floor, and dense smoke beside it; alone under a sky; in colours.
@@ -254,8 +231,8 @@ TEST(FieldCones, AimedPathsHaveTheMeansOfOthers) {
         plan.far_from_fire.assign(plan.media.size(), true);
       };
     };
-    const std::vector<Mean> aimed = means(prepared, aiming(true), 192, 1);
-    const std::vector<Mean> others = means(prepared, aiming(false), 384, 2);
+    const std::vector<PictureMean> aimed = means(prepared, aiming(true), 192, 1);
+    const std::vector<PictureMean> others = means(prepared, aiming(false), 384, 2);
     for (size_t k = 0; k < aimed.size(); ++k) {
       const double error = std::sqrt(aimed[k].variance + others[k].variance);
       EXPECT_NEAR(aimed[k].value, others[k].value, 5 * error + 1e-9) << name << ": value " << k;
