@@ -238,7 +238,7 @@ class Evaluations(Folder):
 
         layered.layers = ["albdo"]
         for arguments, words in (
-            ({"filters": {"bilateral": mean}}, "a filter of yours \(`mean`\) is called 'bilateral', as one of brume's"),
+            ({"filters": {"bilateral": mean}}, r"a filter of yours \(`mean`\) is called 'bilateral', as one of brume's"),
             ({"filters": {"mine": 3}}, r"filters\['mine'\]: expected a function or a filter's name, found 3"),
             ({"filters": {"mine": layered}}, r"no layer 'albdo' for filters\['mine'\].layers; did you mean 'albedo'"),
             ({"filters": [mean, mean]}, "two filters are called 'mean'"),
