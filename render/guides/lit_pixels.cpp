@@ -10,16 +10,17 @@ constexpr int kSides[] = {8, 4};        // of squares [px], the ones that are tr
 constexpr int kUses = 4;                // rays of a pixel that share light
 constexpr double kAlikeNormals = 0.98;  // cosine
 constexpr double kFlat = 0.15;          // distance off the middle's plane, of that from the middle
-// Of all light in the middle: what corners may differ by, and what lies between them may be wrong by, in each group.
+// Of the whole light in the middle: what corners may differ by, and what lies between them may be wrong by, from each
+// guide light.
 constexpr double kAlike = 0.4, kExact = 0.02;
+constexpr double kLeastWhole = 0.01;  // of a light group, of all light
 // What light differs by from what lies between the pixels on either side, of the largest, where shadows end, and the
 // points across that it is then found at; the same between points of a lens.
 constexpr double kShadowEdge = 0.1;
 
-double all_of(const LitPixels::Light& light) {
-  double sum = in_colour(light.scattered, kGrey);
-  for (const Lit& group : light.groups) sum += in_colour(group.direct + group.indirect, kGrey);
-  return sum;
+/// Whether a whole differs from what is expected of it by too much of the largest nearby.
+bool apart(double whole, double expected, double largest) {
+  return std::abs(expected - whole) > kShadowEdge * largest;
 }
 
 }  // namespace
@@ -45,7 +46,29 @@ LitPixels::Place LitPixels::lit(const SurfaceHit& hit, const ShadedPoint& at) co
   place.light.scattered = around.scattered;
   for (const auto& group : march_.fields_.lights())
     place.light.groups.push_back(group->onto(march_.surfaces_, around, at.p, at.normal));
+  place.wholes = wholes_of(place.light);
   return place;
+}
+
+size_t LitPixels::whole_of(size_t guide_light) const {
+  const size_t groups = march_.fields_.groups();
+  const int group = march_.fields_.lights()[guide_light]->group_number;
+  return groups && group >= 0 ? static_cast<size_t>(group) : groups;
+}
+
+std::vector<double> LitPixels::wholes_of(const Light& light) const {
+  std::vector<double> wholes;
+  for (const dvec3& of_group : light.of_light_groups) wholes.push_back(in_colour(of_group, kGrey));
+  double all = in_colour(light.scattered, kGrey);
+  wholes.push_back(0);
+  for (size_t k = 0; k < light.groups.size(); ++k) {
+    const double from = in_colour(light.groups[k].direct + light.groups[k].indirect, kGrey);
+    wholes[whole_of(k)] += from;
+    all += from;
+  }
+  wholes.back() = all;
+  for (double& whole : wholes) whole = std::max(whole, kLeastWhole * all);
+  return wholes;
 }
 
 const LitPixels::Place& LitPixels::place(const ivec2& pixel, int ray, int across) {
@@ -63,25 +86,25 @@ LitPixels::Place LitPixels::place_along(const CameraSample& sample) const {
 }
 
 bool LitPixels::at_shadow_edge(const Place& own, const ivec2& pixel, int ray, int across) {
-  const double here = all_of(own.light);
   for (const ivec2& step : {ivec2(1, 0), ivec2(0, 1)}) {
     const Place &before = place(pixel - step, ray, across), &behind = place(pixel + step, ray, across);
     if (!own.alike(before) || !own.alike(behind)) continue;
-    const double a = all_of(before.light), b = all_of(behind.light);
-    if (std::abs(0.5 * (a + b) - here) > kShadowEdge * std::max({a, b, here})) return true;
+    for (size_t g = 0; g < own.wholes.size(); ++g) {
+      const double a = before.wholes[g], b = behind.wholes[g], here = own.wholes[g];
+      if (apart(here, 0.5 * (a + b), std::max({a, b, here}))) return true;
+    }
   }
   return false;
 }
 
 bool LitPixels::differs_over_lens(const Place& own, const ivec2& pixel, int ray, int across) {
   if (across == 1 || !march_.rays_.has_lens()) return false;
-  const double here = all_of(own.light);
   for (int other = 0; other < across * across; ++other) {
     if (other == ray) continue;
     const Place& there = place(pixel, other, across);
     if (!own.alike(there)) continue;
-    const double light = all_of(there.light);
-    if (std::abs(light - here) > kShadowEdge * std::max(light, here)) return true;
+    for (size_t g = 0; g < own.wholes.size(); ++g)
+      if (apart(own.wholes[g], there.wholes[g], std::max(own.wholes[g], there.wholes[g]))) return true;
   }
   return false;
 }
@@ -122,22 +145,28 @@ bool LitPixels::smooth(const ivec2& first, int side, int ray, int across) {
         std::abs(glm::dot(to, middle.normal)) > kFlat * glm::length(to))
       return false;
   }
-  const double all = all_of(middle.light);
-  const auto alike = [&](const auto& of) {
+  const auto alike = [&](double whole, const auto& of) {
     const double here = of(middle.light);
     double mean = 0;
     for (const Place* const corner : corners) {
       const double there = of(corner->light);
-      if (std::abs(there - here) > kAlike * all) return false;
+      if (std::abs(there - here) > kAlike * whole) return false;
       mean += 0.25 * there;
     }
-    return std::abs(mean - here) <= kExact * all;
+    return std::abs(mean - here) <= kExact * whole;
   };
-  if (!alike([](const Light& light) { return in_colour(light.scattered, kGrey); })) return false;
-  for (size_t k = 0; k < middle.light.groups.size(); ++k)
-    if (!alike([&](const Light& light) { return in_colour(light.groups[k].direct, kGrey); }) ||
-        !alike([&](const Light& light) { return in_colour(light.groups[k].indirect, kGrey); }))
+  const std::vector<double>& wholes = middle.wholes;
+  if (march_.fields_.groups() == 0 &&
+      !alike(wholes.back(), [](const Light& light) { return in_colour(light.scattered, kGrey); }))
+    return false;
+  for (size_t g = 0; g < march_.fields_.groups(); ++g)
+    if (!alike(wholes[g], [&](const Light& light) { return in_colour(light.of_light_groups[g], kGrey); })) return false;
+  for (size_t k = 0; k < middle.light.groups.size(); ++k) {
+    const double whole = wholes[whole_of(k)];
+    if (!alike(whole, [&](const Light& light) { return in_colour(light.groups[k].direct, kGrey); }) ||
+        !alike(whole, [&](const Light& light) { return in_colour(light.groups[k].indirect, kGrey); }))
       return false;
+  }
   return known->second = true;
 }
 

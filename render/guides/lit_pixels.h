@@ -36,6 +36,7 @@ class LitPixels {
     bool inside = false;
     dvec3 p{0}, normal{0};
     Light light;
+    std::vector<double> wholes = {};  ///< grey: of each light group, and of all light
     int uses = 0;
 
     bool fits(const SurfaceHit& hit, const ShadedPoint& at) const;
@@ -44,6 +45,9 @@ class LitPixels {
   using Pixel = std::tuple<int, int, int>;        // and number of its ray
   using Square = std::tuple<int, int, int, int>;  // its first pixel, its side, number of the rays
   Place lit(const SurfaceHit& hit, const ShadedPoint& at) const;
+  std::vector<double> wholes_of(const Light& light) const;
+  /// Which of the wholes a guide light is a part of: the last where it is of several groups.
+  size_t whole_of(size_t guide_light) const;
   const Place& place(const ivec2& pixel, int ray, int across);
   /// What a camera ray shows, if it ends on a diffuse surface.
   Place place_along(const CameraSample& sample) const;
