@@ -159,8 +159,8 @@ Layers Cleaner::clean(Layers frame, bool parts) {
   if (parts) {
     const Stopwatch watch;
     for (const auto& [name, plane] : frame.stored()) all.set_stored(name, plane);
+    clean_lights(filter_, options, all, all, host_.silent());  // first: what the parts add up to
     clean_parts(filter_, options, all, host_.silent());
-    clean_lights(filter_, options, all, all, host_.silent());
     seconds_ += watch.seconds();
   }
   for (const std::string& name : unwanted) all.remove(name);

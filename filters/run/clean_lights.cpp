@@ -1,5 +1,6 @@
 #include "filters/run/clean_lights.h"
 
+#include <cmath>
 #include <list>
 #include <set>
 
@@ -50,6 +51,34 @@ Layers frame_of_group(const Layers& frame, const std::string& group) {
   return own;
 }
 
+/// Brings the clean picture, which is cleaned of samples of its own, towards the sum of its groups, as far as their
+/// estimated errors say: the mean of two estimates whose errors are independent. Its direct and indirect light follow.
+void mix_with_sum(const std::vector<std::array<Plane*, 3>>& lights, const std::vector<Plane>& errors, Layers& clean,
+                  const Task& task) {
+  const Plane& error_of_picture = clean.at(layer::clean_error.channel(0));
+  const bool parts = clean.has(layer::clean_direct) && clean.has(layer::clean_indirect);
+  const auto squared = [](float v) { return static_cast<double>(v) * static_cast<double>(v); };
+  for (size_t c = 0; c < 3; ++c) {
+    std::vector<Plane*> wholes{clean.find(layer::beauty.channel(c))};
+    if (parts)
+      for (const LayerName& part : {layer::clean_direct, layer::clean_indirect})
+        wholes.push_back(clean.find(part.channel(c)));
+    for_each_row(clean.height(), quiet(task), [&](int y) {
+      for (int x = 0; x < clean.width(); ++x) {
+        double sum = 0, of_sum = 0;
+        for (const auto& light : lights) sum += static_cast<double>((*light[c])(x, y));
+        for (const Plane& error : errors) of_sum += squared(error(x, y));
+        const double own = squared(error_of_picture(x, y)), picture = (*wholes[0])(x, y);
+        if (!(own + of_sum > 0) || !(picture > 0)) continue;
+        const double scale = (of_sum * picture + own * sum) / ((own + of_sum) * picture);
+        if (!std::isfinite(scale)) continue;
+        for (Plane* const whole : wholes)
+          (*whole)(x, y) = static_cast<float>(scale * static_cast<double>((*whole)(x, y)));
+      }
+    });
+  }
+}
+
 }  // namespace
 
 void clean_lights(const FilterSettings& filter, const ApplyOptions& options, const Layers& raw, Layers& clean,
@@ -72,6 +101,8 @@ void clean_lights(const FilterSettings& filter, const ApplyOptions& options, con
     lights.push_back(clean.add_rgb({name, layer::beauty.channels, ""}));
     for (size_t c = 0; c < 3; ++c) *lights.back()[c] = std::move(*result.find(layer::beauty.channel(c)));
   }
+  if (options.component != Component::kIndirect && errors.size() == lights.size() && clean.has(layer::clean_error))
+    mix_with_sum(lights, errors, clean, task);
   add_up_exactly(lights, errors, clean.rgb(layer::beauty), task);
 }
 
