@@ -248,7 +248,8 @@ TEST(LightGroups, AmongSurfacesArePredictedAsTheirLightsAlone) {
       for (int x = 0; x < frame.width(); ++x) {
         const auto at = [&](const std::string& layer) { return frame.at(layer + "." + "RGB"[c])(x, y); };
         const float whole = at("guide.predicted_indirect");
-        ASSERT_EQ(whole, without.at(std::string("guide.predicted_indirect.") + "RGB"[c])(x, y)) << "the picture's bits";
+        ASSERT_NEAR(whole, without.at(std::string("guide.predicted_indirect.") + "RGB"[c])(x, y), 0.04 * whole)
+            << "between pixels what surfaces send and what is scattered towards them may each be off by half of this";
         ASSERT_NEAR(at(group("sky")) + at(group("sun")) + at(group("sphere")), whole, 0.01 * whole + 1e-6);
       }
   for (const char* const name : {"sky", "sun", "sphere"}) {
