@@ -15,7 +15,7 @@ constexpr double kMostLoose = 16;  // largest factor on the majorants: look-ups 
 
 // Most paths of a ray. Where first collisions are forced each of them scatters; elsewhere many pass by, or meet what
 // other rays see without such a walk (docs/history.md).
-constexpr int kMostForced = 8, kMostFree = 2;
+constexpr int kMostForced = 8, kMostFree = 4;
 
 /// Voxels that a ray crosses in the cells of a field that may emit.
 double voxels_crossed(const Medium& shape, const Ray& local) {
