@@ -20,7 +20,7 @@ using VoxelPosition = std::array<int32_t, 3>;
 /// The file begins with an ExchangeHeader; the request follows it; bricks are appended as they are made, the reply
 /// last.
 struct VdbRequest {
-  enum class Kind : uint8_t { kInfo, kContents, kScalar, kColour, kVelocity, kHalve, kWrite };
+  enum class Kind : uint8_t { kInfo, kContents, kScalar, kFireTemperature, kColour, kVelocity, kHalve, kWrite };
   Kind kind = Kind::kInfo;
   std::string path = {};
   ScalarOptions options = {};                    ///< of a scalar field; paging: as the file is that both share
@@ -42,7 +42,7 @@ enum class VdbOutcome : uint64_t { kAnswered, kRefused, kNoSuchGrid, kOutOfMemor
 constexpr int kReaderOutOfMemory = 12;
 
 /// To be raised whenever what travels changes: a reader of another version is refused instead of misunderstood.
-constexpr uint64_t kExchangeVersion = 4;
+constexpr uint64_t kExchangeVersion = 5;
 
 /// The beginning of the memory file.
 struct ExchangeHeader {
