@@ -20,7 +20,7 @@ using VoxelPosition = std::array<int32_t, 3>;
 /// The file begins with an ExchangeHeader; the request follows it; bricks are appended as they are made, the reply
 /// last.
 struct VdbRequest {
-  enum class Kind : uint8_t { kInfo, kContents, kScalar, kFireTemperature, kColour, kVelocity, kHalve, kWrite };
+  enum class Kind : uint8_t { kInfo, kContents, kScalar, kColour, kVelocity, kHalve, kWrite };
   Kind kind = Kind::kInfo;
   std::string path = {};
   ScalarOptions options = {};                    ///< of a scalar field; paging: as the file is that both share
@@ -205,7 +205,7 @@ void describe(Archive& archive, VoxelBox& box) {
 }
 template <class Archive>
 void describe(Archive& archive, ScalarOptions& o) {
-  archive(o.grid, o.use, o.convert_level_set, o.remap, o.limit, o.paging);
+  archive(o.grid, o.use, o.convert_level_set, o.remap, o.limit, o.needs_flames, o.paging);
 }
 template <class Archive>
 void describe(Archive& archive, VdbRequest& r) {

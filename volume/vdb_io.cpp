@@ -20,7 +20,6 @@
 #include "base/text.h"
 #include "volume/displacement.h"
 #include "volume/vdb_exchange.h"
-#include "volume/vdb_fire.h"
 
 namespace brume {
 namespace {
@@ -183,25 +182,6 @@ Result ask(VdbRequest& request, const Task& task) {
   return ask<Result>(request, file, task);
 }
 
-/// A grid that becomes a scalar field, paged where it is large.
-ScalarField ask_for_field(VdbRequest::Kind kind, const fs::path& path, const ScalarOptions& options, const Task& task) {
-  VdbRequest request{kind, path.string()};
-  request.options = options;
-  if (!is_paged(path, options, task)) {
-    request.options.paging = Paging::kNever;
-    return ask<ScalarField>(request, task);
-  }
-  request.options.paging = Paging::kAlways;
-  const fs::path folder = folder_of_pages();
-  MemoryFile file(folder);
-  file.resize(sizeof(ExchangeHeader));
-  auto field = ask<ScalarField>(request, file, task);
-  field.notes.push_back(fmt::format("grid '{}': its values, {:.2f} GB, are paged from a temporary file in {}",
-                                    field.summary.name, static_cast<double>(field.bricks.bytes()) / 1e9,
-                                    folder.string()));
-  return field;
-}
-
 }  // namespace
 
 std::vector<GridEntry> VdbSummary::entries() const {
@@ -221,11 +201,22 @@ VdbSummary read_vdb_contents(const fs::path& path, const Task& task) {
 }
 
 ScalarField load_scalar(const fs::path& path, const ScalarOptions& options, const Task& task) {
-  return ask_for_field(VdbRequest::Kind::kScalar, path, options, task);
-}
-
-ScalarField load_fire_temperature(const fs::path& path, const ScalarOptions& options, const Task& task) {
-  return ask_for_field(VdbRequest::Kind::kFireTemperature, path, options, task);
+  VdbRequest request{VdbRequest::Kind::kScalar, path.string()};
+  request.options = options;
+  if (!is_paged(path, options, task)) {
+    request.options.paging = Paging::kNever;
+    return ask<ScalarField>(request, task);
+  }
+  request.options.paging = Paging::kAlways;
+  const fs::path folder = folder_of_pages();
+  MemoryFile file(folder);
+  file.resize(sizeof(ExchangeHeader));
+  auto field = ask<ScalarField>(request, file, task);
+  if (field.bricks.empty()) return field;
+  field.notes.push_back(fmt::format("grid '{}': its values, {:.2f} GB, are paged from a temporary file in {}",
+                                    field.summary.name, static_cast<double>(field.bricks.bytes()) / 1e9,
+                                    folder.string()));
+  return field;
 }
 
 VectorField load_colour(const fs::path& path, const std::string& grid, const Task& task) {

@@ -3,7 +3,6 @@
 #include <fmt/format.h>
 
 #include "base/error.h"
-#include "volume/vdb_fire.h"
 
 namespace brume {
 namespace {
@@ -54,11 +53,11 @@ Paging paging_of(const VolumeSettings& v) {
 }
 
 ScalarField load_field(const VolumeSettings& v, const std::string& name, GridUse use, const Task& task) {
-  const std::filesystem::path& file = file_of(v, use);
-  const ScalarOptions options{.grid = name_or_none(name), .use = use, .paging = paging_of(v)};
-  if (use == GridUse::kTemperature && name == kAuto)
-    return read_if_there<ScalarField>(name, [&] { return load_fire_temperature(file, options, task); });
-  return read_if_there<ScalarField>(name, [&] { return load_scalar(file, options, task); });
+  const ScalarOptions options{.grid = name_or_none(name),
+                              .use = use,
+                              .needs_flames = use == GridUse::kTemperature && name == kAuto,
+                              .paging = paging_of(v)};
+  return read_if_there<ScalarField>(name, [&] { return load_scalar(file_of(v, use), options, task); });
 }
 
 VectorField load_colour_field(const std::filesystem::path& file, const std::string& name, const Task& task) {

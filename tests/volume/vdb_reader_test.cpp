@@ -42,6 +42,22 @@ TEST(LoadDensity, LevelSetsAndPointsAreRefusedWithAWayOut) {
   EXPECT_TRUE(holds(load_error(folder / "p.vdb"), "holds points")) << load_error(folder / "p.vdb");
 }
 
+TEST(LoadTemperature, IsRefusedWhereItsFlamesAre) {
+  openvdb::initialize();
+  const test::TemporaryFolder folder;
+  const fs::path path = folder / "fire.vdb";
+  const auto temperature = small_grid<openvdb::FloatGrid>("temperature");
+  const ScalarOptions burning{.use = GridUse::kTemperature, .needs_flames = true};
+  auto surface = openvdb::tools::createLevelSetSphere<openvdb::FloatGrid>(5.0f, openvdb::Vec3f(0), 0.5f);
+  surface->setName("flame");
+  write(path, {temperature, surface});
+  EXPECT_TRUE(holds(load_error(path, burning), "grid 'flame' is a level set"));
+  EXPECT_EQ(load_error(path, burning), load_error(path, {.use = GridUse::kFlame}));
+  EXPECT_EQ(load_error(path, {.use = GridUse::kTemperature}), "");
+  write(path, {temperature, small_grid<openvdb::Vec3SGrid>("flame")});
+  EXPECT_EQ(load_error(path, burning), "") << "no grid of numbers says nothing of flames";
+}
+
 TEST(LoadDensity, BrokenFilesSayWhatIsWrong) {
   const test::TemporaryFolder folder;
   EXPECT_TRUE(holds(load_error(folder / "missing.vdb"), "no such file"));

@@ -21,8 +21,6 @@ void answer(Reading& reading, VdbRequest& request, Packer& pack) {
       return reply(read_summary(reading, path, /*values=*/false));
     case VdbRequest::Kind::kScalar:
       return reply(read_scalar(reading, path, request.options));
-    case VdbRequest::Kind::kFireTemperature:
-      return reply(read_fire_temperature(reading, path, request.options));
     case VdbRequest::Kind::kColour:
       return reply(read_colour(reading, path, request.grid));
     case VdbRequest::Kind::kVelocity:

@@ -91,8 +91,6 @@ openvdb::GridBase::Ptr with_equal_voxels(const std::filesystem::path& path, cons
 /// @param values  whether the grids are read and looked through, or their metadata only
 VdbSummary read_summary(Reading& reading, const std::filesystem::path& path, bool values);
 ScalarField read_scalar(Reading& reading, const std::filesystem::path& path, const ScalarOptions& options);
-/// As read_scalar; where the usual grid of flames holds none a field without voxels, and a note.
-ScalarField read_fire_temperature(Reading& reading, const std::filesystem::path& path, const ScalarOptions& options);
 VectorField read_colour(Reading& reading, const std::filesystem::path& path, const std::string& wanted);
 StoredVelocity read_velocity(Reading& reading, const std::filesystem::path& path, const std::string& wanted);
 /// Writes the leaves that a request brings, and gives their memory back on the way. @return active voxels

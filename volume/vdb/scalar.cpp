@@ -115,41 +115,31 @@ void reopen_for_passing(openvdb::io::File& file) {
   file.open(/*delayLoad=*/true);
 }
 
-/// The usual grid of flames where it holds no positive value; empty where there is no such grid, or where it burns.
-std::string grid_without_flames(Reading& reading, const fs::path& path, bool paged) {
-  const auto file = open(reading, path);
-  std::vector<GridEntry> entries;
-  for (auto it = file->beginName(); it != file->endName(); ++it) {
-    const GridSummary grid = named(*file->readGridMetadata(it.gridName()));
-    entries.push_back({it.gridName(), grid.type, grid.grid_class});
-  }
+/// A file's usual grid of flames that holds none; empty where there is no such grid, or where it burns.
+std::string grid_without_flames(Reading& reading, const fs::path& path, Paging paging) {
+  const std::vector<GridEntry> entries = read_summary(reading, path, /*values=*/false).entries();
   std::vector<std::string> ignored;
   const GridEntry* const flame = usual_grid(entries, GridUse::kFlame, ignored);
   if (!flame || (flame->type != "float" && flame->type != "double" && flame->type != "half")) return "";
-  if (paged)
-    reopen_for_passing(*file);
-  else
-    check_memory(*file, path, {flame->name});
-  const GridSummary values = summarize(*as_numbers(file->readGrid(flame->name), ignored), reading.task);
-  const bool burns = values.active_voxels > 0 && (values.maximum >= kLeastDensity || values.infinite_count > 0);
+  const size_t end = reading.memory.size();
+  const ScalarOptions options{.grid = flame->name, .use = GridUse::kFlame, .paging = paging};
+  const bool burns = !read_scalar(reading, path, options).bricks.empty();
+  reading.memory.resize(end);  // the flames' bricks are no part of the answer
   return burns ? "" : flame->name;
 }
 
 }  // namespace
 
-ScalarField read_fire_temperature(Reading& reading, const fs::path& path, const ScalarOptions& options) {
-  const std::string flame = grid_without_flames(reading, path, options.paging == Paging::kAlways);
-  if (flame.empty()) return read_scalar(reading, path, options);
-  ScalarField none;
-  none.notes.push_back(fmt::format(
-      "{}: grid '{}' holds no flames: its temperature is what lifts the smoke, and nothing burns; temperature_grid = NAME makes it glow all the same",
-      path.string(), flame));
-  return none;
-}
-
 ScalarField read_scalar(Reading& reading, const fs::path& path, const ScalarOptions& options) {
-  const auto file = open(reading, path);
   ScalarField field;
+  if (options.needs_flames)
+    if (const std::string flame = grid_without_flames(reading, path, options.paging); !flame.empty()) {
+      field.notes.push_back(fmt::format(
+          "{}: grid '{}' holds no flames: its temperature is what lifts the smoke, and nothing burns; temperature_grid = NAME makes it glow all the same",
+          path.string(), flame));
+      return field;
+    }
+  const auto file = open(reading, path);
   if (options.use == GridUse::kDensity && file->beginName() == file->endName()) {
     field.notes.push_back(fmt::format("{} holds no grid: the field is absent", path.filename().string()));
     return field;
