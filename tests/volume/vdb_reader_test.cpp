@@ -133,7 +133,7 @@ TEST(VdbReader, WhateverBecomesOfItTheMessageSaysSo) {
   };
   // What the first version of the reader wrote where it began.
   EXPECT_TRUE(holds(error_with("printf '\\001' | dd of=/dev/fd/3 bs=1 seek=40 conv=notrunc 2>/dev/null"),
-                    "reader: belongs to another version of brume (it speaks 1, expected 4)"));
+                    "reader: belongs to another version of brume (it speaks 1, expected 5)"));
   EXPECT_TRUE(holds(error_with("kill -SEGV $$"), "cloud.vdb: damaged: OpenVDB crashed on it (Segmentation fault)"));
   EXPECT_TRUE(holds(error_with("kill -XCPU $$"), "OpenVDB took far longer over it than its size allows"));
   EXPECT_TRUE(holds(error_with("kill -KILL $$"), "out of memory perhaps"));
