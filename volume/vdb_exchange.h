@@ -42,7 +42,7 @@ enum class VdbOutcome : uint64_t { kAnswered, kRefused, kNoSuchGrid, kOutOfMemor
 constexpr int kReaderOutOfMemory = 12;
 
 /// To be raised whenever what travels changes: a reader of another version is refused instead of misunderstood.
-constexpr uint64_t kExchangeVersion = 4;
+constexpr uint64_t kExchangeVersion = 5;
 
 /// The beginning of the memory file.
 struct ExchangeHeader {
@@ -205,7 +205,7 @@ void describe(Archive& archive, VoxelBox& box) {
 }
 template <class Archive>
 void describe(Archive& archive, ScalarOptions& o) {
-  archive(o.grid, o.use, o.convert_level_set, o.remap, o.limit, o.paging);
+  archive(o.grid, o.use, o.convert_level_set, o.remap, o.limit, o.needs_flames, o.paging);
 }
 template <class Archive>
 void describe(Archive& archive, VdbRequest& r) {

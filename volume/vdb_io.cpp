@@ -212,6 +212,7 @@ ScalarField load_scalar(const fs::path& path, const ScalarOptions& options, cons
   MemoryFile file(folder);
   file.resize(sizeof(ExchangeHeader));
   auto field = ask<ScalarField>(request, file, task);
+  if (field.bricks.empty()) return field;
   field.notes.push_back(fmt::format("grid '{}': its values, {:.2f} GB, are paged from a temporary file in {}",
                                     field.summary.name, static_cast<double>(field.bricks.bytes()) / 1e9,
                                     folder.string()));

@@ -75,6 +75,7 @@ struct ScalarOptions {
   bool convert_level_set = false;                     ///< take a level set's inside as fog
   std::vector<std::pair<double, double>> remap = {};  ///< a curve through (stored, meant) that voxels go through
   double limit = 0;                                   ///< voxels above are taken as this, after remap; 0: none
+  bool needs_flames = false;  ///< no field, and a note, where the file's usual grid of flames holds none
   Paging paging = Paging::kAuto;
 };
 

@@ -27,16 +27,6 @@ Field read_if_there(const std::string& name, const Read& read) {
   }
 }
 
-/// A file's grid of flames that holds none; empty where there is no such grid, or where it burns.
-std::string grid_without_flames(const std::filesystem::path& file, const Task& task) {
-  const VdbSummary contents = read_vdb_contents(file, task);
-  std::vector<std::string> ignored;
-  const std::vector<GridEntry> entries = contents.entries();
-  const GridEntry* const flame = usual_grid(entries, GridUse::kFlame, ignored);
-  if (!flame || (flame->type != "float" && flame->type != "double" && flame->type != "half")) return "";
-  return load_scalar(file, {.grid = flame->name, .use = GridUse::kFlame}, task).bricks.empty() ? flame->name : "";
-}
-
 }  // namespace
 
 const std::filesystem::path& file_of(const VolumeSettings& v, GridUse use) {
@@ -63,17 +53,11 @@ Paging paging_of(const VolumeSettings& v) {
 }
 
 ScalarField load_field(const VolumeSettings& v, const std::string& name, GridUse use, const Task& task) {
-  const std::filesystem::path& file = file_of(v, use);
-  if (use == GridUse::kTemperature && name == kAuto)
-    if (const std::string flame = grid_without_flames(file, task); !flame.empty()) {
-      ScalarField none;
-      none.notes.push_back(fmt::format(
-          "{}: grid '{}' holds no flames: its temperature is what lifts the smoke, and nothing burns; temperature_grid = NAME makes it glow all the same",
-          file.string(), flame));
-      return none;
-    }
-  return read_if_there<ScalarField>(
-      name, [&] { return load_scalar(file, {.grid = name_or_none(name), .use = use, .paging = paging_of(v)}, task); });
+  const ScalarOptions options{.grid = name_or_none(name),
+                              .use = use,
+                              .needs_flames = use == GridUse::kTemperature && name == kAuto,
+                              .paging = paging_of(v)};
+  return read_if_there<ScalarField>(name, [&] { return load_scalar(file_of(v, use), options, task); });
 }
 
 VectorField load_colour_field(const std::filesystem::path& file, const std::string& name, const Task& task) {

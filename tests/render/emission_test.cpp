@@ -5,8 +5,10 @@
 #include <array>
 #include <cmath>
 
+#include "base/text.h"
 #include "render/session/renderer.h"
 #include "tests/support/files.h"
+#include "tests/support/holds.h"
 #include "tests/support/media_scenes.h"
 #include "tests/support/volumes.h"
 
@@ -182,6 +184,21 @@ TEST(Emission, DoesNotDependOnTheRangeOfTheGrid) {
   const auto cold = glow("cold.vdb", 1000, 0, by_heat), hot = glow("hot.vdb", 1000, 9999, by_heat);
   for (const size_t grey : {0, 1}) EXPECT_NEAR(hot[grey] / cold[grey], 1, 1e-4);
   EXPECT_NEAR(cold[0] / cold[1], 1, 0.01);
+}
+
+TEST(Temperature, OfAFileWithoutFlamesGlowsWhereItIsNamed) {
+  const test::TemporaryFolder folder;
+  const auto one = [](const ivec3&) { return 1.0f; };
+  test::write_grids_vdb(folder / "smoke.vdb", {{0, 0, 0}, {7, 7, 7}},
+                        {{"density", one}, {"temperature", one}, {"flame", {}}});
+  Scene s = test::scene_of(folder / "smoke.vdb", 10, 0.5, 0);
+  s.volumes[0].temperature_scale = 2000;
+  s.volumes[0].temperature_grid = "auto";
+  const PreparedScene smoke(s, {});
+  EXPECT_FALSE(smoke.plan().emission);
+  EXPECT_TRUE(test::holds(join(smoke.notes(), "\n"), "grid 'flame' holds no flames"));
+  s.volumes[0].temperature_grid = "temperature";
+  EXPECT_TRUE(PreparedScene(s, {}).plan().emission);
 }
 
 TEST(Temperature, TooColdToGlowIsSaidWithItsRange) {

@@ -2,6 +2,7 @@
 
 #include "volume/vdb_io.h"
 
+#include <fmt/format.h>
 #include <gtest/gtest.h>
 
 #include <limits>
@@ -135,6 +136,40 @@ void expect_same_cells(const BrickGrid& a, const BrickGrid& b) {
           ASSERT_TRUE(std::equal(a.brick(p), a.brick(p) + a.brick_values(), b.brick(q))) << x << " " << y << " " << z;
         }
       }
+}
+
+TEST(LoadTemperature, IsThereWhereFlamesAre) {
+  openvdb::initialize();
+  const test::TemporaryFolder folder;
+  const fs::path path = folder / "fire.vdb";
+  constexpr float kInfinity = std::numeric_limits<float>::infinity();
+  const auto load = [&](std::vector<float> flames, Paging paging) {
+    const auto flame = openvdb::FloatGrid::create();
+    flame->setName("flame");
+    for (int x = 0; const float value : flames) flame->tree().setValue({x++, 0, 0}, value);
+    write(path, {small_grid<openvdb::FloatGrid>("temperature"), flame});
+    return load_scalar(path, {.use = GridUse::kTemperature, .needs_flames = true, .paging = paging});
+  };
+  for (const Paging paging : {Paging::kNever, Paging::kAlways}) {
+    using Values = std::vector<float>;
+    for (const Values& none : {Values{}, {0}, {-1, 0}, {-kInfinity, -2}, {kInfinity, 0}, {1e-40f}}) {
+      const ScalarField field = load(none, paging);
+      EXPECT_TRUE(field.bricks.empty());
+      EXPECT_EQ(test::notes_of(field),
+                fmt::format("{}: grid 'flame' holds no flames: its temperature is what lifts the smoke, and nothing "
+                            "burns; temperature_grid = NAME makes it glow all the same",
+                            path.string()));
+    }
+    for (const Values& some : {Values{0.5f}, {-kInfinity, 0, 1e-3f}, {kInfinity, 1}}) {
+      const ScalarField field = load(some, paging);
+      EXPECT_EQ(field.summary.name, "temperature");
+      EXPECT_EQ(field.bricks.voxel(ivec3(4, 0, 0) - field.bricks.origin()), 5.0f);
+      EXPECT_FALSE(holds(test::notes_of(field), "flame"));
+    }
+  }
+  write(path, {small_grid<openvdb::FloatGrid>("temperature")});
+  EXPECT_FALSE(load_scalar(path, {.use = GridUse::kTemperature, .needs_flames = true}).bricks.empty())
+      << "a file without such a grid";
 }
 
 TEST(LoadDensity, TilesAreTheirVoxels) {

@@ -42,6 +42,22 @@ TEST(LoadDensity, LevelSetsAndPointsAreRefusedWithAWayOut) {
   EXPECT_TRUE(holds(load_error(folder / "p.vdb"), "holds points")) << load_error(folder / "p.vdb");
 }
 
+TEST(LoadTemperature, IsRefusedWhereItsFlamesAre) {
+  openvdb::initialize();
+  const test::TemporaryFolder folder;
+  const fs::path path = folder / "fire.vdb";
+  const auto temperature = small_grid<openvdb::FloatGrid>("temperature");
+  const ScalarOptions burning{.use = GridUse::kTemperature, .needs_flames = true};
+  auto surface = openvdb::tools::createLevelSetSphere<openvdb::FloatGrid>(5.0f, openvdb::Vec3f(0), 0.5f);
+  surface->setName("flame");
+  write(path, {temperature, surface});
+  EXPECT_TRUE(holds(load_error(path, burning), "grid 'flame' is a level set"));
+  EXPECT_EQ(load_error(path, burning), load_error(path, {.use = GridUse::kFlame}));
+  EXPECT_EQ(load_error(path, {.use = GridUse::kTemperature}), "");
+  write(path, {temperature, small_grid<openvdb::Vec3SGrid>("flame")});
+  EXPECT_EQ(load_error(path, burning), "") << "no grid of numbers says nothing of flames";
+}
+
 TEST(LoadDensity, BrokenFilesSayWhatIsWrong) {
   const test::TemporaryFolder folder;
   EXPECT_TRUE(holds(load_error(folder / "missing.vdb"), "no such file"));
@@ -117,7 +133,7 @@ TEST(VdbReader, WhateverBecomesOfItTheMessageSaysSo) {
   };
   // What the first version of the reader wrote where it began.
   EXPECT_TRUE(holds(error_with("printf '\\001' | dd of=/dev/fd/3 bs=1 seek=40 conv=notrunc 2>/dev/null"),
-                    "reader: belongs to another version of brume (it speaks 1, expected 4)"));
+                    "reader: belongs to another version of brume (it speaks 1, expected 5)"));
   EXPECT_TRUE(holds(error_with("kill -SEGV $$"), "cloud.vdb: damaged: OpenVDB crashed on it (Segmentation fault)"));
   EXPECT_TRUE(holds(error_with("kill -XCPU $$"), "OpenVDB took far longer over it than its size allows"));
   EXPECT_TRUE(holds(error_with("kill -KILL $$"), "out of memory perhaps"));

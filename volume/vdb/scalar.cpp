@@ -115,11 +115,31 @@ void reopen_for_passing(openvdb::io::File& file) {
   file.open(/*delayLoad=*/true);
 }
 
+/// A file's usual grid of flames that holds none; empty where there is no such grid, or where it burns.
+std::string grid_without_flames(Reading& reading, const fs::path& path, Paging paging) {
+  const std::vector<GridEntry> entries = read_summary(reading, path, /*values=*/false).entries();
+  std::vector<std::string> ignored;
+  const GridEntry* const flame = usual_grid(entries, GridUse::kFlame, ignored);
+  if (!flame || (flame->type != "float" && flame->type != "double" && flame->type != "half")) return "";
+  const size_t end = reading.memory.size();
+  const ScalarOptions options{.grid = flame->name, .use = GridUse::kFlame, .paging = paging};
+  const bool burns = !read_scalar(reading, path, options).bricks.empty();
+  reading.memory.resize(end);  // the flames' bricks are no part of the answer
+  return burns ? "" : flame->name;
+}
+
 }  // namespace
 
 ScalarField read_scalar(Reading& reading, const fs::path& path, const ScalarOptions& options) {
-  const auto file = open(reading, path);
   ScalarField field;
+  if (options.needs_flames)
+    if (const std::string flame = grid_without_flames(reading, path, options.paging); !flame.empty()) {
+      field.notes.push_back(fmt::format(
+          "{}: grid '{}' holds no flames: its temperature is what lifts the smoke, and nothing burns; temperature_grid = NAME makes it glow all the same",
+          path.string(), flame));
+      return field;
+    }
+  const auto file = open(reading, path);
   if (options.use == GridUse::kDensity && file->beginName() == file->endName()) {
     field.notes.push_back(fmt::format("{} holds no grid: the field is absent", path.filename().string()));
     return field;
