@@ -28,6 +28,8 @@ constexpr std::array kRec709Names = {"Linear Rec.709 (sRGB)",
 /// A role of OpenColorIO 2: the space of the configuration that is ACES 2065-1.
 constexpr const char* kAcesRole = "aces_interchange";
 
+constexpr int kFirstWithConfigurations = 0x02020000;  // of OpenColorIO
+
 template <class Name>
 std::string names(int count, const Name& name) {
   std::vector<std::string> all;
@@ -39,6 +41,10 @@ class Chooser {
  public:
   explicit Chooser(const DisplaySetting& setting) : setting_(setting) {
     ocio::SetLoggingLevel(ocio::LOGGING_LEVEL_NONE);  // it would write to stderr by itself
+    if (setting.config.starts_with("ocio://") && ocio::GetVersionHex() < kFirstWithConfigurations)
+      throw InputError(fmt::format(
+          "{}: OpenColorIO {} brings no configurations, as it does since 2.2; expected a file (--ocio, $OCIO)",
+          setting.config, ocio::GetVersion()));
     try {
       config_ = ocio::Config::CreateFromFile(setting.config.c_str());
       config_->validate();

@@ -54,6 +54,24 @@ bool has_grid(const std::vector<GridEntry>& grids, const std::string& name) {
   return std::any_of(grids.begin(), grids.end(), [&](const GridEntry& grid) { return grid.name == name; });
 }
 
+/// The finest level that there is of a grid: "density_level_1" where 1 and 2 are; empty where there is none.
+std::string finest_level(const std::vector<GridEntry>& grids, const std::string& of) {
+  std::string finest;
+  std::optional<int> least;
+  for (const GridEntry& grid : grids)
+    if (const auto level = split_level(grid.name); level && level->first == of && (!least || level->second < *least)) {
+      least = level->second;
+      finest = grid.name;
+    }
+  return finest;
+}
+
+void note_coarse(const std::string& grid, std::vector<std::string>& notes) {
+  if (const auto level = split_level(grid); level && level->second > 0)
+    notes.push_back(
+        fmt::format("no grid '{}', nor its level 0: '{}', the finest that there is, is used", level->first, grid));
+}
+
 bool is_scalar(const GridEntry& grid) {
   return grid.type == "float" || grid.type == "double" || grid.type == "half";
 }
@@ -177,9 +195,9 @@ std::string grids_text(const std::vector<GridEntry>& grids) {
 std::optional<GridLevel> level_of(const std::vector<GridEntry>& grids, const std::string& name) {
   const auto level = split_level(name);
   if (!level || level->second == 0) return std::nullopt;
-  for (const std::string& finest : {level->first, level->first + "_level_0"})
-    if (has_grid(grids, finest)) return GridLevel{finest, level->second};
-  return std::nullopt;
+  if (has_grid(grids, level->first)) return GridLevel{level->first, level->second};
+  const std::string finest = finest_level(grids, level->first);
+  return finest == name ? std::nullopt : std::optional(GridLevel{finest, level->second});
 }
 
 const GridEntry* usual_grid(const std::vector<GridEntry>& all, GridUse use, std::vector<std::string>& notes) {
@@ -191,7 +209,7 @@ const GridEntry* usual_grid(const std::vector<GridEntry>& all, GridUse use, std:
     const auto level = split_level(grid.name);
     originals.push_back(&grid);
     grids.push_back(grid);
-    if (level && level->second == 0 && !has_grid(all, level->first)) grids.back().name = level->first;
+    if (level && !has_grid(all, level->first)) grids.back().name = level->first;
   }
   const GridEntry* found = of_usual_name(grids, use, /*of_kind=*/true, notes);
   if (!found && use == GridUse::kDensity) found = density_by_exclusion(grids, notes);
@@ -199,7 +217,10 @@ const GridEntry* usual_grid(const std::vector<GridEntry>& all, GridUse use, std:
   const std::string& usual = usual_grid_names(use).front();
   if (found && use == GridUse::kDensity && grid_name_alone(found->name) != usual)
     notes.push_back(fmt::format("no grid '{}'; {} is used", usual, grid_text(found->name)));
-  return found ? originals[static_cast<size_t>(found - grids.data())] : nullptr;
+  if (!found) return nullptr;
+  const GridEntry* original = originals[static_cast<size_t>(found - grids.data())];
+  note_coarse(original->name, notes);
+  return original;
 }
 
 const GridEntry* named_grid(const std::vector<GridEntry>& grids, const std::string& name,
@@ -210,8 +231,12 @@ const GridEntry* named_grid(const std::vector<GridEntry>& grids, const std::stri
   const auto same = those(grids, [&](const GridEntry& g) { return grid_name_alone(g.name) == alone; });
   if (name == alone && !same.empty()) return first_of(same, notes);
   if (same.size() == 1 && name == alone + "[0]") return same[0];
+  const std::string finest = finest_level(grids, name);
   for (const GridEntry& grid : grids)
-    if (grid.name == name + "_level_0") return &grid;
+    if (!finest.empty() && grid.name == finest) {
+      note_coarse(finest, notes);
+      return &grid;
+    }
   return nullptr;
 }
 

@@ -24,7 +24,7 @@ const std::vector<std::string>& usual_grid_names(GridUse use);
 std::string grid_name_alone(const std::string& name);
 
 /// A coarser level of detail of another grid of its file, as "density_level_1" is of "density" or "density_level_0": it
-/// is no field of its own.
+/// is no field of its own. The finest that there is, is none.
 struct GridLevel {
   std::string of;  ///< the finest one's name
   int level;       ///< 1 and more

@@ -1,5 +1,6 @@
 #include <fmt/format.h>
 
+#include <algorithm>
 #include <cstdio>
 #include <cstdlib>
 #include <memory>
@@ -77,8 +78,20 @@ RenderOptions parsed(const Options& o) {
   return options;
 }
 
-int run_sequence(const Options& o, const RenderOptions& options, const Host& host) {
-  const std::vector<int> frames = parse_frames(o.frames);
+/// Those of --frames; without it, where -o names a sequence, those that there are of bare volumes. A single # is a
+/// name's.
+std::vector<int> frames_of(const Options& o) {
+  if (!o.frames.empty()) return parse_frames(o.frames);
+  const std::string& name = o.render.output;
+  if (o.explain || !o.replay.empty() || !FramePattern::of(name) || std::count(name.begin(), name.end(), '#') == 1)
+    return {};
+  std::vector<int> frames = frames_or_all_of(o.render.scene);
+  if (frames.empty())
+    throw InputError(fmt::format("-o {}: a name for a sequence, of one frame; expected --frames, as 1-240", name));
+  return frames;
+}
+
+int run_sequence(const Options& o, const std::vector<int>& frames, const RenderOptions& options, const Host& host) {
   if (options.output.empty()) throw InputError("no output; expected -o with a name such as shot.####.exr");
   if (o.explain || !o.replay.empty())
     throw InputError(fmt::format("{} looks at one frame; expected it without --frames, with -D render.frame={}",
@@ -96,7 +109,7 @@ int run_sequence(const Options& o, const RenderOptions& options, const Host& hos
 int run(const Options& o, const Common& common) {
   const RenderOptions options = parsed(o);
   const Host host = make_host(common);
-  if (!o.frames.empty()) return run_sequence(o, options, host);
+  if (const std::vector<int> frames = frames_of(o); !frames.empty()) return run_sequence(o, frames, options, host);
   if (options.skip_complete) throw InputError("--resume needs the checkpoint to go on from, or --frames");
   if (options.fixed_seed) throw InputError("--fixed-seed is for --frames: one frame has one seed");
   if (o.explain || !o.replay.empty()) {

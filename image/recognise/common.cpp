@@ -117,6 +117,7 @@ std::vector<ForeignFrame> common(const Channels& file, const ExrInfo& info) {
     ForeignFrame& p = found.emplace_back(picture_of_colours(file, info, pictures[0], false));
     for (size_t i = 1; i < pictures.size(); ++i) p.alike.push_back(*file.colour(pictures[i]));
     add_lights(file, "", "C_", p, kNoLightGroups);  // Karma's, split by LPE tags
+    add_lights(file, "", "VRayLightSelect_", p, kNoLightGroups);
   }
   if (pictures.empty() && eyes.empty() && file.colour("."))  // .R .G .B
     found.push_back(picture_of_colours(file, info, ".", false));

@@ -168,7 +168,10 @@ class Columns {
     if (const auto n = whole_vector({"n", "normal"}), up = whole_vector({"up"}); !n.empty() && !up.empty())
       n_ = n, up_ = up;
     orient_ = vector({"orient", "orientation", "rot", "rotation", "quaternion", "quat"}, 4);
+    if (orient_.empty()) orient_ = all_parts_of("q", "xyzw");
     scales_ = vector({"scale"}, 3);
+    if (scales_.empty()) scales_ = all_parts_of("s", "xyz");
+    if (matrix_.empty() && orient_.empty() && n_.empty()) find_angles();
     scale_ = find("scale");
     pscale_ = find("pscale");
     density_ = find("density");
@@ -190,6 +193,10 @@ class Columns {
     if (!matrix_.empty()) {
       for (int i = 0; i < 12; ++i) m[i % 4][i / 4] = at(matrix_[static_cast<size_t>(i)]);
     } else {
+      for (const int place : angles_)
+        if (const double angle = at(place); angle != 0)
+          fail_in(row, table_.columns[static_cast<size_t>(place)], angle,
+                  "0, as programs differ in how angles turn, or a quaternion, orient_x .. orient_w, or m00 .. m23");
       dmat3 rotation(1);
       if (orient_.empty() && !n_.empty()) {
         const auto direction = [&](const std::vector<int>& places) {
@@ -253,6 +260,17 @@ class Columns {
       if (const int place = find(name + end); place >= 0) places.push_back(place);
     return places;
   }
+  /// The same where all are there, else none.
+  std::vector<int> all_parts_of(const std::string& name, std::string_view ends) const {
+    std::vector<int> places = parts_of(name, ends);
+    return places.size() == ends.size() ? places : std::vector<int>();
+  }
+  void find_angles() {
+    for (const char* name : {"r", "rotate", "euler", "angle"})
+      if (angles_.empty()) angles_ = all_parts_of(name, "xyz");
+    for (const char* name : {"yaw", "pitch", "roll"})
+      if (const int place = find(name); place >= 0) angles_.push_back(place);
+  }
   /// The columns of a vector under the first of its names that is there: x, y, z, w, or r, g, b, or 0, 1, 2, 3.
   std::vector<int> vector(std::initializer_list<const char*> names, size_t length) const {
     for (const std::string name : names)
@@ -277,7 +295,7 @@ class Columns {
   const fs::path& path_;
   const Table& table_;
   std::vector<std::string> names_;
-  std::vector<int> position_, matrix_, orient_, n_, up_, scales_, tint_;
+  std::vector<int> position_, matrix_, orient_, n_, up_, scales_, angles_, tint_;
   int scale_ = -1, pscale_ = -1, density_ = -1, time_offset_ = -1;
 };
 

@@ -302,6 +302,19 @@ TEST_F(Sequence, OfBareVolumesRendersAllFramesButTheBadOnes) {
       << none.err;
 }
 
+TEST_F(Sequence, OfBareVolumesWithoutFramesIsOfAllThatAreThere) {
+  for (const char* name : {"a.0001.vdb", "a.0003.vdb"})
+    test::write_grids_vdb(path(name), {{0, 0, 0}, {9, 9, 9}}, {{"density", cube}});
+  const std::string options = "render '" + path("a.####.vdb") +
+                              "' --spp 1 --layers none --progress none -D film.width=16 -D film.height=12 -o '";
+  const auto all = run_brume(options + path("o.####.exr") + "'");
+  EXPECT_EQ(all.status, 0) << all.err;
+  EXPECT_TRUE(fs::exists(path("o.0001.exr")) && fs::exists(path("o.0003.exr")));
+  EXPECT_FALSE(fs::exists(path("o.####.exr"))) << "the number stands in place of its place";
+  EXPECT_EQ(run_brume(options + path("take#2.exr") + "'").status, 0);
+  EXPECT_TRUE(fs::exists(path("take#2.exr"))) << "a name with a single # is a name";
+}
+
 TEST_F(Sequence, AFolderNamedByTheFrameIsMade) {
   EXPECT_EQ(render("--frames 1-2 -o '" + path("$F4/f.exr") + "'").status, 0);
   EXPECT_TRUE(fs::exists(path("0002/f.exr")));
@@ -322,6 +335,7 @@ TEST_F(Sequence, WhatIsWrongWithTheOptionsIsToldOnce) {
   refused("--frames 1-4 --explain" + out, "--explain looks at one frame");
   refused("--frames 1-4 --part 5/2" + out, "--part 5/2: expected i/N");
   refused("--frames 1-4 --layers deph" + out, "did you mean 'depth'?");
+  refused(out, "f.####.exr: a name for a sequence, of one frame; expected --frames, as 1-240");
   refused("--resume -o " + path("f.exr"), "--resume needs the checkpoint to go on from, or --frames");
   refused("--fixed-seed -o " + path("f.exr"), "--fixed-seed is for --frames");
 }

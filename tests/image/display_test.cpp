@@ -1,6 +1,7 @@
 // Displays of OpenColorIO configurations, against closed forms of what they say.
 #include "image/display.h"
 
+#include <OpenColorIO/OpenColorIO.h>
 #include <gtest/gtest.h>
 
 #include <array>
@@ -150,6 +151,8 @@ TEST_F(Displays, WhatIsNotThereIsNamedWithWhatIs) {
          "lacks the role aces_interchange; say which it is (--ocio-space): studio, gamma");
   expect(error(setting("film: noir\n")), "not an OpenColorIO configuration");
   expect(error({.config = (folder_ / "gone.ocio").string()}), "gone.ocio");
+  if (OCIO_NAMESPACE::GetVersionHex() < 0x02020000)
+    expect(error({.config = "ocio://default"}), "brings no configurations, as it does since 2.2; expected a file");
   std::string text = configuration("lin_rec709", "") + R"(  - !<ColorSpace>
     name: film
     from_scene_reference: !<FileTransform> {src: film.cube}

@@ -271,6 +271,23 @@ TEST(Recognise, LightGroupsByTheNamesThatRenderersGiveThem) {
             both);
 }
 
+TEST(Recognise, LightSelectsAreLightGroups) {
+  const ForeignFrame vray =
+      only(file_of(layers_of({{"", "RGBA"}, {"VRayLightSelect_fill", "RGB"}, {"VRayLightSelect_key", "RGB"}})));
+  EXPECT_EQ(names_of(vray.lights), (std::vector<std::string>{"VRayLightSelect_fill", "VRayLightSelect_key"}));
+  EXPECT_TRUE(vray.remarks.empty());
+}
+
+TEST(Recognise, WhatMayBeLightGroupsIsTold) {
+  const ForeignFrame told = only(file_of(layers_of(
+      {{"", "RGBA"}, {"beauty_fill", "RGB"}, {"beauty_key", "RGB"}, {"beauty_variance", "RGB"}, {"albedo", "RGB"}})));
+  EXPECT_TRUE(told.lights.empty());
+  ASSERT_EQ(told.remarks.size(), 1u);
+  EXPECT_NE(told.remarks[0].find("lights = [\"beauty_fill\", \"beauty_key\"] (--map"), std::string::npos)
+      << told.remarks[0];
+  EXPECT_TRUE(only(file_of(layers_of({{"", "RGBA"}, {"beauty", "RGB"}, {"lighting", "RGB"}}))).remarks.empty());
+}
+
 TEST(Recognise, ColoursWithLayersOfCommonNames) {
   const ForeignFrame p = only(file_of(layers_of({{"", "RGBA"}, {"Albedo", "RGB"}, {"NORMAL", "XYZ"}, {"z", "Z"}})));
   EXPECT_EQ(feature(p, layer::albedo), "Albedo.R");

@@ -185,6 +185,22 @@ TEST_F(InstanceFiles, MayHaveNAndUpInsteadOfAQuaternion) {
             std::string::npos);
 }
 
+// As spreadsheets and Maya name them.
+TEST_F(InstanceFiles, MayHaveShortNames) {
+  const InstanceList list = places_of(
+      written("a.csv", "tx,ty,tz,qw,qx,qy,qz,sx,sy,sz\n1,2,3,0.70710678118654752,0,0,0.70710678118654752,2,3,4\n"), "");
+  EXPECT_LT(glm::distance(dvec3(list.matrices[0] * glm::dvec4(1, 0, 0, 1)), dvec3(1, 4, 3)), 1e-12);
+  EXPECT_LT(glm::distance(dvec3(list.matrices[0] * glm::dvec4(0, 1, 0, 1)), dvec3(-2, 2, 3)), 1e-12);
+}
+
+TEST_F(InstanceFiles, RefuseAnglesInsteadOfPassingThemOver) {
+  EXPECT_NE(error("a.csv", "tx,ty,tz,rx,ry,rz\n0,0,0,0,0,0\n0,0,0,0,45,0\n").find("line 3, 'ry': 45; expected 0, as "),
+            std::string::npos);
+  EXPECT_NE(error("a.csv", "x,y,z,Yaw\n0,0,0,90\n").find("line 2, 'Yaw': 90; expected 0"), std::string::npos);
+  EXPECT_EQ(places_of(written("a.csv", "x,y,z,yaw,pitch,roll\n0,0,0,0,0,0\n"), "").matrices[0], dmat4(1));
+  EXPECT_EQ(places_of(written("a.csv", "x,y,z,qx,qy,qz,qw,yaw\n0,0,0,0,0,0,1,90\n"), "").matrices[0], dmat4(1));
+}
+
 TEST_F(InstanceFiles, SayWhatIsWrongAndWhere) {
   EXPECT_NE(error("a.csv", "x,y\n1,2\n").find("no place; expected x, y, z, or m00 .. m23; it has x, y"),
             std::string::npos);

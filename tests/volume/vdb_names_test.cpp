@@ -115,11 +115,23 @@ TEST(LoadDensity, AnEmptyGridIsAnAbsentMedium) {
   const test::TemporaryFolder folder;
   auto grid = openvdb::FloatGrid::create();
   grid->setName("density");
-  write(folder / "e.vdb", {grid});
+  write(folder / "e.vdb", {grid, small_grid<openvdb::FloatGrid>("smoke")});
   const ScalarField field = load_scalar(folder / "e.vdb", {});
   EXPECT_TRUE(field.bricks.empty());
   ASSERT_EQ(field.notes.size(), 1u);
   EXPECT_TRUE(holds(field.notes[0], "empty: the field is absent"));
+  EXPECT_TRUE(holds(field.notes[0], "smoke (float)")) << "what could be meant instead";
+}
+
+TEST(LoadDensity, OfLevelsWithoutTheFinestTheFinestThereIs) {
+  const test::TemporaryFolder folder;
+  write(folder / "l.vdb",
+        {small_grid<openvdb::FloatGrid>("density_level_2"), small_grid<openvdb::FloatGrid>("density_level_1")});
+  for (const char* name : {"", "density"}) {
+    const ScalarField field = load_scalar(folder / "l.vdb", {name});
+    EXPECT_EQ(field.summary.name, "density_level_1");
+    EXPECT_TRUE(holds(notes_of(field), "'density_level_1', the finest that there is, is used")) << notes_of(field);
+  }
 }
 
 }  // namespace

@@ -178,7 +178,8 @@ ScalarField read_scalar(Reading& reading, const fs::path& path, const ScalarOpti
   }
   field.world_from_index = s.world_from_index;
   if (s.active_voxels == 0) {
-    field.notes.push_back(fmt::format("grid '{}' is empty: the field is absent", s.name));
+    field.notes.push_back(
+        fmt::format("grid '{}' is empty: the field is absent; the file has: {}", s.name, list_grids(*file)));
     return field;
   }
   if (s.grid_class != "fog volume" && 4 * s.negative_count > s.active_voxels)
