@@ -138,7 +138,7 @@ TEST_F(Clean, RecordedPartsAreCleanTooAndAddUp) {
   const std::string fire = test::source("data/scenes/fire.toml").string();
   const std::string parts =
       "single,surface,background,emission,volume_indirect,surface_indirect,surface_emission,transmittance";
-  const std::string render = "render " + fire + kTiny + "--spp 8 -q --layers direct,indirect," + parts;
+  const std::string render = "render " + fire + kTiny + "--spp 4 -q --layers direct,indirect," + parts;
   for (const char* clean : {" --clean", " --clean-filter gaussian"}) {
     ASSERT_EQ(run_brume(render + clean + " -o " + path("fire.exr")).status, 0);
     const Layers frame = read_exr(folder_ / "fire.exr");
