@@ -243,15 +243,22 @@ TEST(LightGroups, AmongSurfacesArePredictedAsTheirLightsAlone) {
   scene.render.light_groups = true;
   const Layers frame = guides_of(scene);
   const auto group = [](const char* name) { return predicted_light_layer(name, "indirect"); };
+  double apart = 0, all = 0;
   for (size_t c = 0; c < 3; ++c)
     for (int y = 0; y < frame.height(); ++y)
       for (int x = 0; x < frame.width(); ++x) {
         const auto at = [&](const std::string& layer) { return frame.at(layer + "." + "RGB"[c])(x, y); };
         const float whole = at("guide.predicted_indirect");
-        ASSERT_NEAR(whole, without.at(std::string("guide.predicted_indirect.") + "RGB"[c])(x, y), 0.04 * whole)
-            << "between pixels what surfaces send and what is scattered towards them may each be off by half of this";
+        apart += std::pow(whole - without.at(std::string("guide.predicted_indirect.") + "RGB"[c])(x, y), 2);
+        all += std::pow(whole, 2);
         ASSERT_NEAR(at(group("sky")) + at(group("sun")) + at(group("sphere")), whole, 0.01 * whole + 1e-6);
       }
+  // Light is found at more pixels instead of between them, where one of the groups asks for it, and else the same: what
+  // lies between pixels may be off by .02.
+  EXPECT_LT(std::sqrt(apart / all), 0.03);
+  for (size_t c = 0; c < 3; ++c)
+    EXPECT_NEAR(mean_of(frame, "guide.predicted_indirect", c) / mean_of(without, "guide.predicted_indirect", c), 1.0,
+                0.02);
   for (const char* const name : {"sky", "sun", "sphere"}) {
     Scene alone = scene;
     alone.render.light_groups = false;
