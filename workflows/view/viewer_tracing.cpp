@@ -114,24 +114,24 @@ class Viewer::Tracing {
     return next;
   }
 
-  /// The picture does not wait for its groups, unless they are what is seen.
+  /// The picture does not wait for its groups, unless they are what is seen. Their sum makes it a little better, so it
+  /// is shown again: what is mixed and what is not are then one picture.
   void show_clean() {
-    if (!has_groups_ || !shows_groups()) {
-      store_clean();
-      viewer_.show(viewer_.current(), viewer_.traced_);
-    }
+    if (!has_groups_ || !shows_groups()) show_picture();
     if (has_groups_) {
       cleaner_.clean_lights_of_picture();
-      store_clean();
-      if (shows_groups()) viewer_.show(viewer_.current(), viewer_.traced_);
+      show_picture();
     }
   }
 
-  void store_clean() {
+  void show_picture() {
     viewer_.store(viewer_.traced_, std::make_shared<const Layers>(cleaner_.picture()), look_,
                   viewer_.about(/*predicted=*/false, shown_, error()));
-    const std::lock_guard lock(viewer_.mutex_);
-    viewer_.predicted_.frame.reset();
+    {
+      const std::lock_guard lock(viewer_.mutex_);
+      viewer_.predicted_.frame.reset();
+    }
+    viewer_.show(viewer_.current(), viewer_.traced_);
   }
 
   bool shows_groups() const {
