@@ -181,7 +181,8 @@ def plot(results):
     rows = -(-len(results) // columns)
     out = [f'<svg xmlns="http://www.w3.org/2000/svg" viewBox="0 0 {columns * width} {rows * height + top}" '
            'font-family="sans-serif" font-size="11">', '<rect width="100%" height="100%" fill="white"/>']
-    for i, (line, colour) in enumerate(COLOURS.items()):
+    shown = {line: colour for line, colour in COLOURS.items() if any(line in r["lines"] for r in results.values())}
+    for i, (line, colour) in enumerate(shown.items()):
         out.append(f'<line x1="{10 + 210 * i}" x2="{34 + 210 * i}" y1="16" y2="16" stroke="{colour}" stroke-width="2.5"/>'
                    f'<text x="{40 + 210 * i}" y="20">{line}</text>')
     out.append('<text x="10" y="38" fill="#555">Lab RMS over processor seconds</text>')
