@@ -193,6 +193,18 @@ std::vector<int> frames_or_all_of(const fs::path& name, std::string_view text) {
   return pattern && !fs::exists(name, ignored) ? pattern->frames_on_disk() : std::vector<int>();
 }
 
+std::vector<int> frames_to_make(const fs::path& source, const fs::path& output, std::string_view text,
+                                const std::array<std::string_view, 2>& what) {
+  if (!text.empty()) return parse_frames(text);
+  const std::string name = output.string();
+  if (!FramePattern::of(output) || std::count(name.begin(), name.end(), '#') == 1) return {};
+  std::vector<int> frames = frames_or_all_of(source);
+  if (frames.empty())
+    throw InputError(
+        fmt::format("{} {}: a name for a sequence, of one frame; expected {}, as 1-240", what[0], name, what[1]));
+  return frames;
+}
+
 std::string frames_text(std::span<const int> frames) {
   std::vector<std::string> ranges;
   for (size_t i = 0; i < frames.size();) {

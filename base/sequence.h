@@ -1,4 +1,5 @@
 #pragma once
+#include <array>
 #include <filesystem>
 #include <optional>
 #include <span>
@@ -46,6 +47,14 @@ std::vector<int> parse_frames(std::string_view text);
 /// are none where it is no pattern or itself a file.
 /// @throws InputError as parse_frames and FramePattern::of
 std::vector<int> frames_or_all_of(const std::filesystem::path& name, std::string_view text = {});
+
+/// The frames to make of `source` into `output`: those of `text`; where it is empty and `output` names a sequence those
+/// that there are of `source`. A single # in `output` is the name's. Empty for one frame, whose number is not asked
+/// for.
+/// @param what  what `output` and `text` are called: "-o", "--frames"
+/// @throws InputError where `output` names a sequence and nothing says of which frames; as parse_frames
+std::vector<int> frames_to_make(const std::filesystem::path& source, const std::filesystem::path& output,
+                                std::string_view text, const std::array<std::string_view, 2>& what);
 
 /// "1-10, 20" for rising frames.
 std::string frames_text(std::span<const int> frames);

@@ -78,17 +78,9 @@ RenderOptions parsed(const Options& o) {
   return options;
 }
 
-/// Those of --frames; without it, where -o names a sequence, those that there are of bare volumes. A single # is a
-/// name's.
 std::vector<int> frames_of(const Options& o) {
-  if (!o.frames.empty()) return parse_frames(o.frames);
-  const std::string& name = o.render.output;
-  if (o.explain || !o.replay.empty() || !FramePattern::of(name) || std::count(name.begin(), name.end(), '#') == 1)
-    return {};
-  std::vector<int> frames = frames_or_all_of(o.render.scene);
-  if (frames.empty())
-    throw InputError(fmt::format("-o {}: a name for a sequence, of one frame; expected --frames, as 1-240", name));
-  return frames;
+  const bool one = o.explain || !o.replay.empty();
+  return frames_to_make(o.render.scene, one ? "" : o.render.output, o.frames, {"-o", "--frames"});
 }
 
 int run_sequence(const Options& o, const std::vector<int>& frames, const RenderOptions& options, const Host& host) {

@@ -162,8 +162,8 @@ py::object render(const py::object& scene, const py::object& spp, const py::obje
   if (!time.is_none()) options.time_limit = to_positive("time", time);
   if (!target_error.is_none()) options.target_error = to_positive("target_error", target_error);
   if (!part.is_none()) options.part = to_part(part);
-  std::vector<int> numbers;
-  if (!frames.is_none()) numbers = parse_frames(to_text(frames));
+  const std::vector<int> numbers = frames_to_make(argument.file().value_or(""), to_optional_path(output),
+                                                  frames.is_none() ? "" : to_text(frames), {"output", "frames"});
   set_files(options, output, png, records, checkpoint, checkpoint_every, resume, deep, numbers);
   if (deep_samples < 1) throw InputError(fmt::format("deep_samples: expected at least 1, found {}", deep_samples));
   options.deep_samples = deep_samples;

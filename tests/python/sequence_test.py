@@ -2,6 +2,7 @@
 
 import json
 import logging
+import shutil
 import unittest
 
 import numpy as np
@@ -98,6 +99,15 @@ class ToFiles(Folder):
         self.assertEqual(scene.counts["scenes_prepared"], 1)
         with self.assertRaisesRegex(brume.InputError, "frames: a sequence goes to files"):
             brume.render(SMOKE, frames="1-3")
+
+    def test_volumes_without_frames_are_rendered_all_and_scenes_are_asked_for_them(self):
+        for n in (3, 8):
+            shutil.copy(SOURCE / "data/volumes/smoke.vdb", self.folder / f"smoke.{n:04}.vdb")
+        end = brume.render(self.folder / "smoke.####.vdb", spp=1, output=self.folder / "bare.####.exr", **SIZE)
+        self.assertEqual(end["done"], [3, 8])
+        self.assertTrue((self.folder / "bare.0008.exr").exists())
+        with self.assertRaisesRegex(brume.InputError, "output .*a name for a sequence, of one frame; expected frames, as 1-240"):
+            brume.render(SMOKE, spp=1, output=self.folder / "scene.####.exr", **SIZE)
 
     def test_a_frame_that_fails_is_named_and_the_others_go_on(self):
         with self.assertLogs("brume", logging.WARNING) as told:
