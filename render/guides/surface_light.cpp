@@ -3,21 +3,19 @@
 #include <algorithm>
 #include <cmath>
 
-#include "base/golden_ratio.h"
 #include "base/math.h"
 #include "base/parallel_for.h"
 #include "render/guides/attenuation.h"
 #include "render/guides/lattice.h"
 #include "render/guides/lit_surface.h"
 #include "render/guides/scattering_solver.h"
+#include "render/guides/sky_cells.h"
 
 namespace brume {
 namespace {
 
 constexpr int kProbesAcross[] = {32, 24, 20, 16, 12, 8};  // the longest side, as many as there may be
 constexpr size_t kMostProbes = 3000;
-constexpr int kPointRays = 48, kProbeRays = 72;
-constexpr int kMostPanes = 8;         // of glass that a ray goes through, or mirrors that turn it
 constexpr size_t kBrightRays = 32;    // from each observer
 constexpr double kBright = 4;         // of the mean radiance that observers see of surfaces
 constexpr double kLeastReach = 1e-3;  // of a point's part
@@ -25,28 +23,6 @@ constexpr double kNegligible = 1e-3;  // of all reflections, for the last one
 constexpr int kMostReflections = 64;
 constexpr double kWidestCone = 0.5;  // half angle of what a ray stands for [rad]
 constexpr double kUneven = 0.2;      // mean deviation from the mean share of the sky
-constexpr double kMostBacks = 0.5;   // of a probe's rays, that meet surfaces from behind
-
-/// Unit vectors around z, their number per solid angle as the cosine.
-std::vector<dvec3> spiral_by_cosine(int count) {
-  std::vector<dvec3> directions;
-  for (int i = 0; i < count; ++i) {
-    const double sine2 = (i + 0.5) / count, turn = i * kGoldenRatio;
-    const SinCos phi = portable_sincos_2pi(turn - std::floor(turn));
-    directions.push_back({std::sqrt(sine2) * phi.cos, std::sqrt(sine2) * phi.sin, std::sqrt(1 - sine2)});
-  }
-  return directions;
-}
-
-/// A frame turned around its z by golden angles, so that observers side by side do not look alike.
-Frame turned(Frame frame, size_t i) {
-  const double turn = static_cast<double>(i) * kGoldenRatio;
-  const SinCos phi = portable_sincos_2pi(turn - std::floor(turn));
-  const dvec3 x = frame.x, y = frame.y;
-  frame.x = phi.cos * x + phi.sin * y;
-  frame.y = phi.cos * y - phi.sin * x;
-  return frame;
-}
 
 /// How far the facets of a metal that a cone of directions meets are apart as seen along its middle: by its normals
 /// and by the cone's own width [rad].
@@ -62,40 +38,6 @@ double facets_apart(const Surfaces& surfaces, const Ray& ray, const SurfaceHit& 
   return apart + 0.5 * half_angle;
 }
 
-/// The sky's mean radiance over cells of directions.
-class SkyCells {
- public:
-  explicit SkyCells(const SkyParts& sky) : constant_(sky.constant()) {
-    if (constant_) {
-      cells_.assign(1, sky.radiance(dvec3(0, 0, 1)));
-      return;
-    }
-    for (int v = 0; v < kUp; ++v)
-      for (int u = 0; u < kAround; ++u) {
-        dvec3 sum(0);
-        for (int i = 0; i < kInside * kInside; ++i) {
-          const double z = 2 * (v + (i / kInside + 0.5) / kInside) / kUp - 1, r = std::sqrt(1 - z * z);
-          const SinCos phi = portable_sincos_2pi((u + (i % kInside + 0.5) / kInside) / kAround);
-          sum += sky.radiance({r * phi.cos, r * phi.sin, z});
-        }
-        cells_.push_back(sum / static_cast<double>(kInside * kInside));
-      }
-  }
-  dvec3 operator()(const dvec3& d) const {
-    if (constant_) return cells_[0];
-    double turn = std::atan2(d.y, d.x) / (2 * kPi);
-    turn -= std::floor(turn);
-    const int u = std::clamp(static_cast<int>(turn * kAround), 0, kAround - 1),
-              v = std::clamp(static_cast<int>(0.5 * (d.z + 1) * kUp), 0, kUp - 1);
-    return cells_[static_cast<size_t>(v * kAround + u)];
-  }
-
- private:
-  static constexpr int kAround = 48, kUp = 24, kInside = 8;
-  bool constant_;
-  std::vector<dvec3> cells_;
-};
-
 }  // namespace
 
 SurfaceLight::SurfaceLight(const GuideMedia& media, const Surfaces& surfaces, const AmbientLight& nodes,
@@ -106,20 +48,18 @@ SurfaceLight::SurfaceLight(const GuideMedia& media, const Surfaces& surfaces, co
       groups_(nodes.groups()),
       scattered_of_groups_(light_.size() * groups_),
       looked_at_(light_.size(), 0.0) {
-  at_points_.directions = spiral_by_cosine(kPointRays);
   for (const SurfacePoints::Point& point : points_.points())
-    at_points_.all.push_back({point.p, turned(Frame(point.normal), at_points_.all.size())});
-  at_probes_.directions = spiral_of_directions(kProbeRays);
+    at_points_.add(point.p, Frame(point.normal), at_points_.all().size());
   place_probes(media, nodes);
-  into_media_.resize(at_probes_.all.size());
+  into_media_.resize(at_probes_.all().size());
   into_media_of_groups_.assign(into_media_.size() * groups_, dvec3(0));
-  look(at_points_, surfaces, nodes, task);
-  look(at_probes_, surfaces, nodes, task);
+  at_points_.look(surfaces, points_, nodes, task);
+  at_probes_.look(surfaces, points_, nodes, task);
   for (size_t i = 0; i < light_.size(); ++i) {
     double sum = 0;
-    for (int k = 0; k < kPointRays; ++k) sum += 1 / static_cast<double>(at_points_.of(i)[k].distance);
+    for (size_t k = 0; k < at_points_.rays(); ++k) sum += 1 / static_cast<double>(at_points_.seen_by(i)[k].distance);
     SurfacePoints::Point& point = points_.points()[i];
-    point.reach = std::max(kPointRays / sum, kLeastReach * std::sqrt(point.area));
+    point.reach = std::max(static_cast<double>(at_points_.rays()) / sum, kLeastReach * std::sqrt(point.area));
   }
   find_sky_seen();
 }
@@ -150,8 +90,8 @@ void SurfaceLight::place_probes(const GuideMedia& media, const AmbientLight& nod
   }
   for (size_t i = 0; i < probe_.size(); ++i) {
     if (probe_[i] < 0) continue;
-    probe_[i] = static_cast<int>(at_probes_.all.size());
-    at_probes_.all.push_back({grid_.at(static_cast<int>(i)), turned(Frame({0, 0, 1}), i)});
+    probe_[i] = static_cast<int>(at_probes_.all().size());
+    at_probes_.add(grid_.at(static_cast<int>(i)), Frame({0, 0, 1}), i);
   }
 }
 
@@ -164,7 +104,7 @@ void SurfaceLight::each_probe(const dvec3& world, const Visit& visit) const {
     const int probe = probe_[static_cast<size_t>(around.probe[k])];
     if (probe < 0)
       around.weight[k] = 0;
-    else if (!at_probes_.all[static_cast<size_t>(probe)].outside)
+    else if (!at_probes_.all()[static_cast<size_t>(probe)].outside)
       around.weight[k] *= kHidden;
     sum += around.weight[k];
   }
@@ -173,76 +113,25 @@ void SurfaceLight::each_probe(const dvec3& world, const Visit& visit) const {
       visit(static_cast<size_t>(probe_[static_cast<size_t>(around.probe[k])]), around.weight[k] / sum);
 }
 
-void SurfaceLight::look(Observers& observers, const Surfaces& surfaces, const AmbientLight& nodes, const Task& task) {
-  observers.seen.resize(observers.all.size() * observers.directions.size());
-  parallel_for(static_cast<int>(observers.all.size()), quiet(task), [&](int i) {
-    Observer& observer = observers.all[static_cast<size_t>(i)];
-    int backs = 0;
-    for (size_t k = 0; k < observers.directions.size(); ++k) {
-      Seen& seen = observers.seen[static_cast<size_t>(i) * observers.directions.size() + k];
-      Ray ray{observer.p, observer.frame.to_world(observers.directions[k])};
-      const dvec3 towards = ray.d;
-      double before = 0;  // of the way to the first surface that is not glass
-      Mirrored mirrored{k};
-      int point = kSky;
-      for (int pane = 0; pane < kMostPanes; ++pane) {
-        const auto hit = surfaces.intersect(ray, kFar);
-        if (!hit) break;
-        const bool straight = mirrored.metals.empty();
-        if (straight) before += hit->t;
-        Bsdf bsdf = surfaces.bsdf(*hit);
-        if (bsdf.kind == Bsdf::Kind::kCoated) bsdf = bsdf.evened();
-        const dvec3 there = ray.at(hit->t);
-        if (bsdf.kind == Bsdf::Kind::kDielectric) {
-          ray.o = Surfaces::leave(*hit, there, ray.d);
-          continue;
-        }
-        const bool back = glm::dot(hit->normal, ray.d) > 0;
-        if (straight) backs += back ? 1 : 0;
-        if (bsdf.kind == Bsdf::Kind::kDiffuse) {
-          point = bsdf.albedo == dvec3(0) ? kBlack : points_.nearest(there, back ? -hit->normal : hit->normal);
-          if (point < 0) point = kBlack;
-          break;
-        }
-        mirrored.metals.push_back({ray, *hit});
-        mirrored.share *= bsdf.albedo;
-        ray.d = glm::reflect(ray.d, hit->normal);
-        ray.o = Surfaces::leave(*hit, there, ray.d);
-      }
-      const bool straight = mirrored.metals.empty();
-      if (straight && point == kSky) before = kFar;
-      if (straight) {
-        seen.point = point;
-      } else {
-        mirrored.point = point;
-        observer.mirrored.push_back(std::move(mirrored));
-      }
-      seen.distance = static_cast<float>(before);
-      seen.transmittance = static_cast<float>(attenuation(nodes.depth(observer.p, towards, before)));
-    }
-    observer.outside = backs < kMostBacks * static_cast<double>(observers.directions.size());
-  });
-}
-
 void SurfaceLight::find_sky_seen() {
   const std::vector<dvec3>& bins = ScatteringSolver::directions();
-  sky_seen_at_.resize(at_probes_.all.size());
+  sky_seen_at_.resize(at_probes_.all().size());
   for (size_t i = 0; i < sky_seen_at_.size(); ++i) {
     SkySeen count{};
     double all = 0;
-    for (size_t k = 0; k < at_probes_.directions.size(); ++k) {
-      const dvec3 d = at_probes_.all[i].frame.to_world(at_probes_.directions[k]);
+    for (size_t k = 0; k < at_probes_.rays(); ++k) {
+      const dvec3 d = at_probes_.direction(i, k);
       size_t nearest = 0;
       for (size_t b = 1; b < bins.size(); ++b)
         if (glm::dot(bins[b], d) < glm::dot(bins[nearest], d)) nearest = b;
       ++count[nearest];
-      if (at_probes_.of(i)[k].point != kSky) continue;
+      if (at_probes_.seen_by(i)[k].point != Observers::kSky) continue;
       ++sky_seen_at_[i][nearest];
       ++all;
     }
     for (size_t b = 0; b < bins.size(); ++b) {
       double& share = sky_seen_at_[i][b];
-      share = count[b] > 0 ? share / count[b] : all / static_cast<double>(at_probes_.directions.size());
+      share = count[b] > 0 ? share / count[b] : all / static_cast<double>(at_probes_.rays());
       sky_seen_[b] += share / static_cast<double>(sky_seen_at_.size());
     }
   }
@@ -266,23 +155,23 @@ SurfaceLight::SkySeen SurfaceLight::sky_seen(const dvec3& world) const {
 void SurfaceLight::gather(const AmbientLight& nodes, const SkyParts& sky, int sky_group, const Task& task) {
   const SkyCells radiance(sky);
   parallel_for(static_cast<int>(light_.size()), quiet(task), [&](int i) {
-    const Observer& observer = at_points_.all[static_cast<size_t>(i)];
-    AtPoint& light = light_[static_cast<size_t>(i)];
+    const auto at = static_cast<size_t>(i);
+    AtPoint& light = light_[at];
     light.sky = light.sky_by_peaks = light.emitted = light.scattered = {};
-    Flux* const of_groups = scattered_of_groups_.data() + static_cast<size_t>(i) * groups_;
+    Flux* const of_groups = scattered_of_groups_.data() + at * groups_;
     std::fill_n(of_groups, groups_, Flux());
     std::vector<dvec3> scattered_of_groups(groups_);
-    for (size_t k = 0; k < at_points_.directions.size(); ++k) {
-      const Seen& seen = at_points_.of(static_cast<size_t>(i))[k];
-      const dvec3 d = observer.frame.to_world(at_points_.directions[k]);
+    for (size_t k = 0; k < at_points_.rays(); ++k) {
+      const Observers::Seen& seen = at_points_.seen_by(at)[k];
+      const dvec3 d = at_points_.direction(at, k);
       // Share of the hemisphere by the cosine, over the cosine.
-      const double share = 1 / (kPi * at_points_.density(at_points_.directions[k].z));
+      const double share = 1 / (kPi * at_points_.density_of_ray(k));
       const AmbientLight::Incident incident =
-          nodes.along(observer.p, d, static_cast<double>(seen.distance), scattered_of_groups);
+          nodes.along(at_points_.all()[at].p, d, static_cast<double>(seen.distance), scattered_of_groups);
       for (size_t g = 0; g < groups_; ++g) of_groups[g].add(share * scattered_of_groups[g], d);
       light.emitted.add(share * incident.emitted, d);
       light.scattered.add(share * incident.scattered, d);
-      if (seen.point != kSky) continue;
+      if (seen.point != Observers::kSky) continue;
       const dvec3 from_sky = share * radiance(d);
       light.sky.add(incident.transmittance * from_sky, d);
       const dvec3 by_peaks = std::max(0.0, incident.scaled_transmittance - incident.transmittance) * from_sky;
@@ -297,12 +186,12 @@ void SurfaceLight::find_bright(const std::vector<dvec3>& radiosity) {
   std::vector<double> seen(radiosity.size(), 0.0);
   double sum = 0;
   for (const Observers* observers : {&at_points_, &at_probes_})
-    for (const Seen& s : observers->seen)
+    for (const Observers::Seen& s : observers->seen())
       if (s.point >= 0) {
         ++seen[static_cast<size_t>(s.point)];
         sum += in_colour(radiosity[static_cast<size_t>(s.point)], kGrey);
       }
-  const double mean = sum / static_cast<double>(at_points_.seen.size() + at_probes_.seen.size());
+  const double mean = sum / static_cast<double>(at_points_.seen().size() + at_probes_.seen().size());
   std::vector<double> power(radiosity.size(), 0.0);
   double all = 0;
   for (size_t i = 0; i < radiosity.size(); ++i) {
@@ -323,18 +212,6 @@ void SurfaceLight::find_bright(const std::vector<dvec3>& radiosity) {
   }
 }
 
-/// Calls visit(radiosity's point, share that arrives, direction, ray) for all that an observer's rays meet.
-template <class Visit>
-void SurfaceLight::each_ray(const Observers& observers, size_t i, const Visit& visit) const {
-  const Observer& observer = observers.all[i];
-  const Seen* const seen = observers.of(i);
-  for (size_t k = 0; k < observers.directions.size(); ++k)
-    if (seen[k].point >= 0) visit(static_cast<size_t>(seen[k].point), dvec3(seen[k].transmittance), k);
-  for (const Mirrored& m : observer.mirrored)
-    if (m.point >= 0)
-      visit(static_cast<size_t>(m.point), static_cast<double>(seen[m.ray].transmittance) * m.share, m.ray);
-}
-
 SurfaceLight::Radiosity SurfaceLight::black() const {
   return {std::vector<dvec3>(light_.size(), dvec3(0)), std::vector<dvec3>(light_.size() * groups_, dvec3(0))};
 }
@@ -349,23 +226,23 @@ void SurfaceLight::send(const Radiosity& radiosity, bool bright, const AmbientLi
   const auto of_groups = [&](size_t point) { return radiosity.of_groups.data() + point * groups_; };
   // Calls add(light, direction, factor, groups): the light of the groups is what is at `groups`, times the factor.
   const auto towards = [&](const Observers& observers, size_t i, const auto& add) {
-    const Observer& observer = observers.all[i];
-    const auto direction = [&](size_t k) { return observer.frame.to_world(observers.directions[k]); };
-    each_ray(observers, i, [&](size_t point, const dvec3& share, size_t k) {
-      const dvec3 d = direction(k);
-      double density = observers.density(observers.directions[k].z);
+    const Observers::Observer& observer = observers.all()[i];
+    observers.each_point(i, [&](size_t point, const dvec3& share, size_t k) {
+      const dvec3 d = observers.direction(i, k);
+      double density = observers.density_of_ray(k);
       if (bright && looked_at_[point] > 0) {
         const SurfacePoints::Point& there = points_.points()[point];
-        const double distance = static_cast<double>(observers.of(i)[k].distance);
+        const double distance = static_cast<double>(observers.seen_by(i)[k].distance);
         density += looked_at_[point] * distance * distance / std::max(1e-3, -glm::dot(d, there.normal));
       }
       add(share * radiosity.all[point] / density, d, share / density, of_groups(point));
     });
     if (!bright) return;
-    for (const Mirrored& m : observer.mirrored) {
-      const double transmittance = static_cast<double>(observers.of(i)[m.ray].transmittance),
-                   density = observers.density(observers.directions[m.ray].z);
-      add(transmittance * m.own / density, direction(m.ray), dvec3(transmittance / density), m.own_of_groups.data());
+    for (const Observers::Mirrored& m : observer.mirrored) {
+      const double transmittance = static_cast<double>(observers.seen_by(i)[m.ray].transmittance),
+                   density = observers.density_of_ray(m.ray);
+      add(transmittance * m.own / density, observers.direction(i, m.ray), dvec3(transmittance / density),
+          m.own_of_groups.data());
     }
     for (const size_t point : bright_) {
       const SurfacePoints::Point& there = points_.points()[point];
@@ -374,7 +251,7 @@ void SurfaceLight::send(const Radiosity& radiosity, bool bright, const AmbientLi
       if (!(distance2 > 0)) continue;
       const dvec3 d = to_it / distance;
       const double facing = -glm::dot(d, there.normal), cosine = glm::dot(d, observer.frame.z);
-      if (!(facing > 0) || (observers.at_surfaces && !(cosine > 0))) continue;
+      if (!(facing > 0) || (observers.see_hemispheres() && !(cosine > 0))) continue;
       const dvec3 left = surfaces_.passage({observer.p, d}, distance).light;
       if (left == dvec3(0)) continue;
       const double density = looked_at_[point] * distance2 / facing + observers.density(cosine);
@@ -423,15 +300,16 @@ SurfaceLight::Radiosity SurfaceLight::later_reflections(const std::vector<Flux>&
     parallel_for(static_cast<int>(light_.size()), quiet(task), [&](int i) {
       const auto at = static_cast<size_t>(i);
       const dvec3& albedo = points_.points()[at].albedo;
+      const auto rays = static_cast<double>(at_points_.rays());
       dvec3* const groups = next.of_groups.data() + at * groups_;
       std::fill_n(groups, groups_, dvec3(0));
       dvec3 light(0);
-      each_ray(at_points_, at, [&](size_t point, const dvec3& share, size_t) {
+      at_points_.each_point(at, [&](size_t point, const dvec3& share, size_t) {
         light += share * radiosity.all[point];
         for (size_t g = 0; g < groups_; ++g) groups[g] += share * radiosity.of_groups[point * groups_ + g];
       });
-      next.all[at] = albedo * light / double{kPointRays};
-      for (size_t g = 0; g < groups_; ++g) groups[g] *= albedo / double{kPointRays};
+      next.all[at] = albedo * light / rays;
+      for (size_t g = 0; g < groups_; ++g) groups[g] *= albedo / rays;
     });
     std::swap(radiosity, next);
     const double own = add();
@@ -454,13 +332,13 @@ void SurfaceLight::exchange(const LitSurfaces& lit, const AmbientLight& nodes, c
     }
   });
   for (Observers* const observers : {&at_points_, &at_probes_})
-    parallel_for(static_cast<int>(observers->all.size()), quiet(task), [&](int i) {
+    parallel_for(static_cast<int>(observers->all().size()), quiet(task), [&](int i) {
       std::vector<dvec3> of_groups(groups_);
-      for (Mirrored& m : observers->all[static_cast<size_t>(i)].mirrored) {
+      for (Observers::Mirrored& m : observers->all()[static_cast<size_t>(i)].mirrored) {
         m.own_of_groups.assign(groups_, dvec3(0));
         // Few rays stand for all of a metal: highlights much narrower than what one stands for would be missed or
         // found by chance.
-        double half_angle = std::sqrt(1 / (kPi * observers->density(observers->directions[m.ray].z)));
+        double half_angle = std::sqrt(1 / (kPi * observers->density_of_ray(m.ray)));
         dvec3 left(1);
         for (const auto& [ray, hit] : m.metals) {
           const double apart = facets_apart(surfaces_, ray, hit, std::min(half_angle, kWidestCone));
@@ -487,13 +365,12 @@ void SurfaceLight::answer(const AmbientLight& nodes, const Task& task) {
   constexpr double kLargestRatio = 0.95;
   std::vector<Flux> scattered(light_.size());
   parallel_for(static_cast<int>(light_.size()), quiet(task), [&](int i) {
-    const Observer& observer = at_points_.all[static_cast<size_t>(i)];
-    for (size_t k = 0; k < at_points_.directions.size(); ++k) {
-      const dvec3 d = observer.frame.to_world(at_points_.directions[k]);
-      const Seen& seen = at_points_.of(static_cast<size_t>(i))[k];
-      scattered[static_cast<size_t>(i)].add(nodes.along(observer.p, d, static_cast<double>(seen.distance)).scattered /
-                                                (kPi * at_points_.density(at_points_.directions[k].z)),
-                                            d);
+    const auto at = static_cast<size_t>(i);
+    for (size_t k = 0; k < at_points_.rays(); ++k) {
+      const dvec3 d = at_points_.direction(at, k);
+      const auto distance = static_cast<double>(at_points_.seen_by(at)[k].distance);
+      scattered[at].add(
+          nodes.along(at_points_.all()[at].p, d, distance).scattered / (kPi * at_points_.density_of_ray(k)), d);
     }
   });
   Arriving more = nothing_arriving();

@@ -1,12 +1,12 @@
 #pragma once
 #include <array>
 #include <span>
-#include <utility>
 #include <vector>
 
 #include "base/progress.h"
 #include "render/guides/ambient_light.h"
 #include "render/guides/guide_media.h"
+#include "render/guides/observers.h"
 #include "render/guides/probe_grid.h"
 #include "render/guides/sky_parts.h"
 #include "render/guides/surface_points.h"
@@ -60,40 +60,6 @@ class SurfaceLight {
   bool sky_seen_unevenly() const { return sky_seen_unevenly_; }
 
  private:
-  static constexpr int kSky = -1, kBlack = -2;  // instead of points
-  /// What an observer sees along one of its rays.
-  struct Seen {
-    float distance = 0, transmittance = 1;  ///< of the media, but for the forward peak
-    int point = kBlack;
-  };
-  /// What metals show in a ray.
-  struct Mirrored {
-    size_t ray;
-    std::vector<std::pair<Ray, SurfaceHit>> metals = {};  ///< one behind the other
-    dvec3 own{0};                                         ///< what they send of lights that shine on them
-    std::vector<dvec3> own_of_groups = {};
-    dvec3 share{1};      ///< of what is seen in them
-    int point = kBlack;  ///< that is
-  };
-  struct Observer {
-    dvec3 p;
-    Frame frame;
-    std::vector<Mirrored> mirrored = {};
-    bool outside = true;  ///< of solids
-  };
-  /// Observers with rays in the same directions of their frames.
-  struct Observers {
-    bool at_surfaces;  ///< rays over hemispheres, spread by the cosine; else over spheres, evenly
-    std::vector<Observer> all = {};
-    std::vector<dvec3> directions = {};
-    std::vector<Seen> seen = {};  ///< along the rays of one after the other
-
-    const Seen* of(size_t i) const { return seen.data() + i * directions.size(); }
-    /// Rays per solid angle. @param cosine  to the normal
-    double density(double cosine) const {
-      return static_cast<double>(directions.size()) * (at_surfaces ? cosine / kPi : 1 / (4 * kPi));
-    }
-  };
   /// Sums of light times the direction that it comes from: of them, what a diffuse surface of albedo 1 reflects follows
   /// for the normal of their hemisphere, and well enough for normals near it.
   struct Flux {
@@ -132,12 +98,9 @@ class SurfaceLight {
   /// Calls visit(probe, weight), of sum 1, for the probes around a place.
   template <class Visit>
   void each_probe(const dvec3& world, const Visit& visit) const;
-  void look(Observers& observers, const Surfaces& surfaces, const AmbientLight& nodes, const Task& task);
   void find_sky_seen();
   void find_bright(const std::vector<dvec3>& radiosity);
   Radiosity black() const;
-  template <class Visit>
-  void each_ray(const Observers& observers, size_t i, const Visit& visit) const;
   /// Adds what surfaces of a radiosity send to the points and probes. @param bright  look at bright parts
   void send(const Radiosity& radiosity, bool bright, const AmbientLight& nodes, Arriving& to, const Task& task) const;
   /// All later reflections of light that arrives at the points.
@@ -148,7 +111,7 @@ class SurfaceLight {
   SurfacePoints points_;
   ProbeGrid grid_;
   std::vector<int> probe_;  // of at_probes_, for each of the grid's; -1 far from media
-  Observers at_points_{/*at_surfaces=*/true}, at_probes_{/*at_surfaces=*/false};
+  Observers at_points_ = Observers::at_surfaces(), at_probes_ = Observers::in_media();
   std::vector<AtPoint> light_;
   std::vector<AtProbe> into_media_;
   size_t groups_;
