@@ -3,7 +3,7 @@
 #include <cmath>
 
 #include "base/rng.h"
-#include "volume/medium.h"
+#include "volume/detail_flow.h"
 
 namespace brume {
 namespace {
@@ -33,7 +33,7 @@ Detail::Detail(const Settings& s, const ivec3& origin)
   }
 }
 
-void Detail::carry(const Displacement& velocity, double frame) {
+void Detail::carry(const DetailFlow& velocity, double frame) {
   velocity_ = &velocity;
   phases_ = kMostPhases;
   const uint32_t seed = phase_[0].seed;
@@ -79,7 +79,7 @@ double Detail::noise(const dvec3& local, uint32_t seed) const {
 
 double Detail::factor(const dvec3& local) const {
   if (!velocity_) return 1 + amplitude_ * noise(local, phase_[0].seed);
-  const dvec3 along = velocity_->field.lookup(local + velocity_->origin_shift);
+  const dvec3 along = velocity_->lookup(local);
   double sum = 0;
   for (int i = 0; i < phases_; ++i) sum += phase(i).weight * noise(local - phase(i).since * along, phase(i).seed);
   return 1 + amplitude_ * sum;

@@ -6,7 +6,7 @@
 
 namespace brume {
 
-struct Displacement;
+struct DetailFlow;
 
 /// Noise that a density is multiplied by, so that it has structure below its voxels: 1 + amplitude * noise, where the
 /// noise lies in [-1, 1] and its mean over space is 0. So no point is denser than 1 + amplitude times what is stored,
@@ -35,8 +35,8 @@ class Detail {
   };
   /// @param origin  index coordinates of the local origin: the noise belongs to index space
   Detail(const Settings& settings, const ivec3& origin);
-  /// Has the noise follow a velocity, known on the density's lattice. @param frame  of the volume; may have a fraction
-  void carry(const Displacement& velocity, double frame);
+  /// Has the noise follow a velocity. @param frame  of the volume; may have a fraction
+  void carry(const DetailFlow& velocity, double frame);
 
   /// What the density at a local point is multiplied by, where it is stored.
   double factor(const dvec3& local) const;
@@ -67,7 +67,7 @@ class Detail {
   int phases() const { return phases_; }
   const Phase& phase(int i) const { return phase_[static_cast<size_t>(i)]; }
   /// Null: the noise stands still.
-  const Displacement* velocity() const { return velocity_; }
+  const DetailFlow* velocity() const { return velocity_; }
 
   /// The sign at a lattice point is the highest bit of this. By Wellons' lowbias32, a hash of 32 bits.
   static uint32_t hash(uint32_t x, uint32_t y, uint32_t z, uint32_t seed);
@@ -83,7 +83,7 @@ class Detail {
   dmat3 matrix_;
   std::array<uint32_t, 3> cell_{};
   dvec3 offset_{0};
-  const Displacement* velocity_ = nullptr;
+  const DetailFlow* velocity_ = nullptr;
 };
 
 }  // namespace brume

@@ -12,6 +12,8 @@ namespace {
 // A set of voxels of a brick: for each row along z, of x and y, a bit for each of its voxels.
 using Rows = std::vector<uint64_t>;
 
+constexpr double kMostCells = 1 << 26;
+
 // The voxels with at least one of their eight values at or above a density; n voxels and n + 1 values along the brick.
 void find_reaching(const float* values, int n, float density, Rows& rows) {
   const int stored = n + 1;
@@ -83,12 +85,30 @@ std::vector<uint16_t> measure_empty_cubes(const std::vector<uint8_t>& empty, con
   return clear;
 }
 
+// Gives the empty cells their OctantSkip.
+void mark_empty(LaneGrid& grid, const std::vector<uint8_t>& empty, const Task& task) {
+  std::array<std::vector<uint16_t>, 8> clear;
+  const Task silent{task.threads, {}, task.cancel};
+  parallel_for(8, silent, [&](int octant) {
+    clear[static_cast<size_t>(octant)] = measure_empty_cubes(empty, {grid.nx, grid.ny, grid.nz}, octant);
+  });
+  const auto slab = static_cast<size_t>(grid.ny) * grid.nz;
+  parallel_for(grid.nx, silent, [&](int x) {
+    for (size_t i = static_cast<size_t>(x) * slab; i < (static_cast<size_t>(x) + 1) * slab; ++i) {
+      if (!empty[i]) continue;
+      std::array<uint16_t, 8> of_cell;
+      for (size_t octant = 0; octant < 8; ++octant) of_cell[octant] = clear[octant][i];
+      grid.majorant[i] = std::bit_cast<float>(OctantSkip::pack(of_cell));
+    }
+  });
+}
+
 }  // namespace
 
 bool LaneGrid::fits(const BrickGrid& grid) {
   const ivec3 n = grid.cells();
   const double cells = static_cast<double>(n.x) * n.y * n.z;
-  return !grid.empty() && std::max({n.x, n.y, n.z}) * grid.cell_size() <= 4096 && cells <= (1 << 26) &&
+  return !grid.empty() && std::max({n.x, n.y, n.z}) * grid.cell_size() <= 4096 && cells <= kMostCells &&
          static_cast<double>(grid.brick_count() * grid.brick_values()) < 2147483647.0;
 }
 
@@ -115,20 +135,41 @@ LaneGrid::LaneGrid(const BrickGrid& grid, double scale, const Task& task)
         brick[i] = static_cast<int32_t>((cell.brick - 1) * grid.brick_values());
         empty[i] = 0;
       }
-  std::array<std::vector<uint16_t>, 8> clear;
-  const Task silent{task.threads, {}, task.cancel};
-  parallel_for(8, silent, [&](int octant) {
-    clear[static_cast<size_t>(octant)] = measure_empty_cubes(empty, {nx, ny, nz}, octant);
-  });
-  const auto slab = static_cast<size_t>(ny) * nz;
-  parallel_for(nx, silent, [&](int x) {
-    for (size_t i = static_cast<size_t>(x) * slab; i < (static_cast<size_t>(x) + 1) * slab; ++i) {
-      if (!empty[i]) continue;
-      std::array<uint16_t, 8> of_cell;
-      for (size_t octant = 0; octant < 8; ++octant) of_cell[octant] = clear[octant][i];
-      majorant[i] = std::bit_cast<float>(OctantSkip::pack(of_cell));
-    }
-  });
+  mark_empty(*this, empty, task);
+}
+
+LaneGrid LaneGrid::halved(const BrickGrid& grid, double scale, const Task& task) {
+  LaneGrid result;
+  const ivec3 whole = grid.cells(), n = 2 * whole;
+  if (grid.cell_size() < 4 || static_cast<double>(n.x) * n.y * n.z > kMostCells) return result;
+  result.nx = n.x, result.ny = n.y, result.nz = n.z;
+  result.cell_size = grid.cell_size() / 2;
+  const size_t count = static_cast<size_t>(n.x) * n.y * n.z;
+  result.majorant.resize(count);
+  result.brick.assign(count, -1);
+  std::vector<uint8_t> empty(count, 1);
+  const int side = result.cell_size, row = grid.stored();
+  for (int x = 0; x < n.x; ++x)
+    for (int y = 0; y < n.y; ++y)
+      for (int z = 0; z < n.z; ++z) {
+        const BrickGrid::Cell& cell = grid.cell({x / 2, y / 2, z / 2});
+        if (cell.brick == 0 || !(cell.majorant > 0)) continue;
+        const float* const brick = grid.brick(cell);
+        const size_t number = (cell.brick - 1) * grid.brick_values();
+        if (!result.values) result.values = brick - number;
+        const int within = ((x % 2) * row + y % 2) * side * row + z % 2 * side;
+        float largest = 0;
+        for (int i = 0; i <= side; ++i)
+          for (int j = 0; j <= side; ++j)
+            for (int k = 0; k <= side; ++k) largest = std::max(largest, brick[within + (i * row + j) * row + k]);
+        if (!(largest > 0)) continue;
+        const size_t i = (static_cast<size_t>(x) * n.y + y) * n.z + z;
+        result.majorant[i] = static_cast<float>(largest * scale);
+        result.brick[i] = static_cast<int32_t>(number) + within;
+        empty[i] = 0;
+      }
+  mark_empty(result, empty, task);
+  return result;
 }
 
 LaneGrid LaneGrid::of_values(const BrickGrid& grid) {

@@ -35,6 +35,9 @@ struct LaneGrid {
   static bool resolves(const BrickGrid& grid, double free_path);
   /// @param scale  factor on all majorants, at least 1: a looser bound changes no expectation
   explicit LaneGrid(const BrickGrid& grid, double scale = 1.0, const Task& task = {});
+  /// The same bricks under cells half as long, which bound the field more tightly; empty where there would be too many.
+  /// A cell's values begin in the middle of a brick, whose rows stay as long as they are.
+  static LaneGrid halved(const BrickGrid& grid, double scale, const Task& task = {});
   /// For look-ups alone, of values of any sign: without majorants.
   static LaneGrid of_values(const BrickGrid& grid);
 
@@ -79,8 +82,8 @@ struct LaneGrid {
 
 /// What a displaced density field is looked up in.
 struct DisplacedLaneGrid {
-  LaneGrid density;                      ///< as it is stored
-  std::array<LaneGrid, 3> displacement;  ///< without cells where a component is 0 everywhere; or what carries detail
+  LaneGrid density;                      ///< as it is stored; of what stands still, smaller cells for its flights
+  std::array<LaneGrid, 3> displacement;  ///< without cells where a component is 0 everywhere
 };
 
 }  // namespace brume

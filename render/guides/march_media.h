@@ -78,7 +78,7 @@ class MediaLanes {
     const V found = lerp(near, far, fx);
     const M any = hn::And(in_brick.inside, found > 0.0f);
     const auto only = [&](V v) { return hn::IfThenElseZero(any, v); };
-    const V density = only(grid.detail.octaves > 0 ? found * detail_factor(grid.detail, p) : found);
+    const V density = only(grid.detail.octaves > 0 ? found * detail_factor(grid.detail, p, any) : found);
     const V3 slope{only(far - near), only(lerp(z01 - z00, z11 - z10, fx)),
                    only(lerp(lerp(change(e00), change(e01), fy), lerp(change(e10), change(e11), fy), fx))};
     sum.gradient += transform(grid.gradient, slope);

@@ -35,7 +35,7 @@ void set_place(MarchedRay::Place& place, const dvec3& start, const dvec3& along)
 
 bool looked_up_in_vectors(const Medium& m) {
   return !m.homogeneous() && !m.displacement() && !m.coloured() && !m.instances() && !m.bricks().empty() &&
-         LaneGrid::fits(m.bricks()) && (!m.detail() || velocity_fits(*m.detail()));
+         LaneGrid::fits(m.bricks());
 }
 
 bool of_one_density(const Medium& m) {
@@ -70,15 +70,13 @@ MarchedGrid marched_grid(const GuideMedia& media, size_t medium, GuideColour col
                    {static_cast<float>(c.tint.x), static_cast<float>(c.tint.y), static_cast<float>(c.tint.z)},
                    m.holdout() ? 0.0f : 1.0f,
                    {},
-                   {},
                    {}};
   set_cells(grid.cells, grid.stored);
   if (const Detail* const detail = m.detail()) {
-    grid.velocity = velocity_of(*detail);
     // What is narrower than half a step would be seen as noise.
     const double spacing = 0.5 * step / m.voxel_size() * detail->frequency();
     const int octaves = spacing > 0 ? 1 + static_cast<int>(std::floor(-std::log2(spacing))) : Detail::kMostOctaves;
-    grid.detail = lane_detail(*detail, grid.velocity, std::clamp(octaves, 0, Detail::kMostOctaves));
+    grid.detail = lane_detail(*detail, std::clamp(octaves, 0, Detail::kMostOctaves));
   }
   for (int axis = 0; axis < 3; ++axis) {
     dvec3 slope(0);

@@ -36,14 +36,13 @@ struct MarchSteps {
 struct MarchedGrid {
   size_t medium;
   LaneGrid stored;
-  LaneCells cells;         ///< of it
-  float extinction;        ///< per density
-  float albedo, g;         ///< mean cosine of the phase function
-  float inverse_maximum;   ///< of the density
-  float tint[3];           ///< of light scattered once
-  float seen;              ///< 1, of a holdout 0
-  float gradient[3][3];    ///< from the change of the density per voxel to that of the extinction per step, world axes
-  VelocityGrids velocity;  ///< that carries the detail
+  LaneCells cells;        ///< of it
+  float extinction;       ///< per density
+  float albedo, g;        ///< mean cosine of the phase function
+  float inverse_maximum;  ///< of the density
+  float tint[3];          ///< of light scattered once
+  float seen;             ///< 1, of a holdout 0
+  float gradient[3][3];   ///< from the change of the density per voxel to that of the extinction per step, world axes
   LaneDetail detail;
 };
 

@@ -176,6 +176,7 @@ class Columns {
     pscale_ = find("pscale");
     density_ = find("density");
     tint_ = vector({"tint"}, 3);
+    if (const int grey = find("tint"); tint_.empty() && grey >= 0) tint_ = {grey, grey, grey};
     time_offset_ = find("timeoffset");
   }
 

@@ -127,6 +127,25 @@ size_t PreparedScene::guides_solved() const {
       std::count_if(guides_.begin(), guides_.end(), [](const auto& kept) { return kept.second.solved.has_value(); }));
 }
 
+namespace {
+
+/// Detail loosens all majorants. Where a cell holds many tentative collisions, tighter bounds of smaller cells save
+/// more of them than crossing twice as many cells costs.
+bool wants_small_cells(const Medium& medium) {
+  constexpr double kMany = 16;  // tentative collisions along a cell
+  if (!medium.detail() || medium.displacement()) return false;
+  double sum = 0, squares = 0;
+  medium.bricks().each_distinct_cell([&](const BrickGrid::Cell& cell, uint64_t count) {
+    const double majorant = cell.majorant, cells = static_cast<double>(count);
+    sum += cells * majorant;
+    squares += cells * majorant * majorant;
+  });
+  const double length = medium.bricks().cell_size() * medium.voxel_size();
+  return squares / sum * medium.majorant_factor() * medium.extinction_per_density() * length > kMany;
+}
+
+}  // namespace
+
 void PreparedScene::prepare_lanes(const Task& task) {
   lane_grids_.reserve(context_.media.size());
   for (size_t i = 0; i < context_.media.size(); ++i) {
@@ -138,9 +157,9 @@ void PreparedScene::prepare_lanes(const Task& task) {
       displaced = {LaneGrid::of_values(medium.bricks()),
                    {LaneGrid::of_values(d->field.parts[0]), LaneGrid::of_values(d->field.parts[1]),
                     LaneGrid::of_values(d->field.parts[2])}};
-    else if (medium.detail())
-      displaced.displacement = velocity_of(*medium.detail());
-    grid = LaneGrid(medium.walked(), scene_.render.majorant_scale * medium.majorant_factor(), task);
+    const double scale = scene_.render.majorant_scale * medium.majorant_factor();
+    grid = LaneGrid(medium.walked(), scale, task);
+    if (wants_small_cells(medium)) displaced.density = LaneGrid::halved(medium.bricks(), scale, task);
   }
   for (const EmissionField& field : context_.emissions)
     emission_grids_.push_back(LaneEmission::fits(field) ? LaneGrid(field.shape().bricks(), 1.0, task) : LaneGrid());

@@ -260,7 +260,7 @@ void march(const LaneScene& scene, const PathStates& paths, const SlotList& rays
     } else {
       value = one_voxel(walk, rng, p, brick_of(scene, cell_index, looks), looks);
     }
-    if (scene.detail.octaves > 0) value = value * drawn_detail(scene.detail, stored, rng, looks);
+    if (scene.detail.octaves > 0) value = with_detail(scene.detail, stored, value, rng, looks);
     const V sigma = hn::IfThenElseZero(looks, value * scene.sigma);
     const V after = depth + sigma * part;
     for (size_t k = 0; k < kMarchedPoints; ++k) {

@@ -41,12 +41,31 @@ HWY_INLINE VU noise_hash(VI v, uint32_t by) {
 HWY_INLINE V3 noise_place(const LaneDetail& n, const V3& p) {
   return transform(n.matrix, p) + set3(n.offset);
 }
-HWY_INLINE V3 noise_velocity(const LaneDetail& n, const V3& p) {
-  const V3 there = p + set3(n.velocity_shift);
-  const auto component = [&](size_t axis) {
-    return n.velocity[axis].values ? density_at(n.velocity[axis], there) : hn::Zero(D());
+/// The components of a DetailFlow's words, where they lie in them.
+HWY_INLINE V3 flow_words(V points) {
+  const DI di;
+  const VI words = hn::BitCast(di, points);
+  const auto component = [&](int axis) {
+    return hn::ConvertTo(D(), words & static_cast<int32_t>(DetailFlow::kMask << DetailFlow::kBits * axis));
   };
   return {component(0), component(1), component(2)};
+}
+/// The velocity at points; outside `mask` any.
+HWY_INLINE V3 noise_velocity(const LaneDetail& n, const V3& p, M mask) {
+  const DI di;
+  const V3 points = set3(n.points), one{set(1), set(1), set(1)};
+  const V3 at = min(max(p * n.inverse_spacing, zero3()), points - one), low = min(floor(at), points - one - one),
+           f = at - low;
+  const VI row = hn::ConvertTo(di, low.x * n.points[1] + low.y);
+  const VI index = hn::IfThenElseZero(hn::RebindMask(di, mask), row * n.row + hn::ConvertTo(di, low.z));
+  const auto mixed = [](const V3& a, const V3& b, V share) { return a + (b - a) * share; };
+  const auto along_z = [&](int32_t offset) {
+    const EntryPair pair = entry_pair(n.flow + offset, index);
+    return mixed(flow_words(pair.first), flow_words(pair.second), f.z);
+  };
+  const V3 words =
+      mixed(mixed(along_z(0), along_z(n.row), f.y), mixed(along_z(n.plane), along_z(n.plane + n.row), f.y), f.x);
+  return (words - set3(n.rest)) * set3(n.step);
 }
 
 /// The noise at points of the first octave's lattice, all octaves.
@@ -68,17 +87,17 @@ HWY_INLINE V whole_noise(const LaneDetail& n, const V3& place, int32_t seed) {
   return sum;
 }
 
-/// What the density is multiplied by at points, local coordinates.
-HWY_INLINE V detail_factor(const LaneDetail& n, const V3& p) {
-  if (!n.carried) return 1.0f + n.amplitude * whole_noise(n, noise_place(n, p), n.phase[0].seed);
-  const V3 along = noise_velocity(n, p);
+/// What the density is multiplied by at points, local coordinates; outside `mask` anything.
+HWY_INLINE V detail_factor(const LaneDetail& n, const V3& p, M mask) {
+  if (!n.flow) return 1.0f + n.amplitude * whole_noise(n, noise_place(n, p), n.phase[0].seed);
+  const V3 along = noise_velocity(n, p, mask);
   V sum = hn::Zero(D());
   for (int32_t i = 0; i < n.phases; ++i)
     sum = sum + n.phase[i].weight * whole_noise(n, noise_place(n, p - along * n.phase[i].since), n.phase[i].seed);
   return 1.0f + n.amplitude * sum;
 }
 
-/// The same by one sign, drawn by its weight: its expectation is detail_factor().
+/// The factor by one sign, drawn by its weight: its expectation is detail_factor().
 HWY_INLINE V drawn_detail(const LaneDetail& n, const V3& p, Generator& rng, M mask) {
   const DI di;
   const DU du;
@@ -91,7 +110,7 @@ HWY_INLINE V drawn_detail(const LaneDetail& n, const V3& p, Generator& rng, M ma
     octave = octave + hn::IfThenElseZero(hn::RebindMask(di, u >= n.weights_end[o]), one);
   VI seed = hn::Set(di, n.phase[0].seed);
   V3 there = p;
-  if (n.carried) {
+  if (n.flow) {
     const V which = share(hn::And(rng.next(mask), low));
     V since = set(n.phase[0].since);
     for (int32_t i = 0; i + 1 < n.phases; ++i) {
@@ -99,7 +118,7 @@ HWY_INLINE V drawn_detail(const LaneDetail& n, const V3& p, Generator& rng, M ma
       since = hn::IfThenElse(later, set(n.phase[i + 1].since), since);
       seed = hn::IfThenElse(hn::RebindMask(di, later), hn::Set(di, n.phase[i + 1].seed), seed);
     }
-    there = p - noise_velocity(n, p) * since;
+    there = p - noise_velocity(n, p, mask) * since;
   }
   const NoiseCell c = noise_cell(n, noise_place(n, there), hn::ConvertTo(D(), octave), octave);
   const auto drawn = [&](VI cell, V f, VU bits16) {
@@ -110,4 +129,10 @@ HWY_INLINE V drawn_detail(const LaneDetail& n, const V3& p, Generator& rng, M ma
                  noise_hash(drawn(c.z, c.f.z, hn::ShiftRight<16>(more)), Detail::kHashZ) +
                  noise_hash(octave, Detail::kHashOctave) + hn::BitCast(du, seed);
   return 1.0f + n.amplitude * noise_sign(sum);
+}
+
+/// The density at points, from what is stored there.
+HWY_INLINE V with_detail(const LaneDetail& n, const V3& p, V stored, Generator& rng, M mask) {
+  const M any = hn::And(mask, stored > 0.0f);
+  return hn::AllFalse(D(), any) ? stored : hn::IfThenElse(any, stored * drawn_detail(n, p, rng, any), stored);
 }

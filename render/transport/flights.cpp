@@ -38,7 +38,7 @@ class Tracker {
         escapes_(escapes),
         lookups_(lookups),
         queue_(rays),
-        walk_(scene),
+        walk_(cells_of(scene)),
         rng_(generators_.load()) {}
 
   HWY_INLINE void run() {
@@ -52,6 +52,10 @@ class Tracker {
   static constexpr bool kShadow = kWalk == Walk::kShadow, kFirst = kWalk == Walk::kFirst;
   static constexpr bool kMoved = kField == Field::kMoved;
   static constexpr size_t kMost = RayQueue::kMost;
+
+  static const LaneCells& cells_of(const LaneScene& scene) {
+    return kField == Field::kDetailed ? scene.detail.cells : scene;
+  }
 
   HWY_INLINE void finish() {
     const D d;
@@ -120,7 +124,7 @@ class Tracker {
     const V zero = hn::Zero(d);
     // The cell: its majorant, or, where it is empty, an OctantSkip.
     const VI cell_index = walk_.index(active);
-    const V bound = hn::GatherIndex(d, scene_.majorant, cell_index);
+    const V bound = hn::GatherIndex(d, walk_.grid.majorant, cell_index);
     const M empty = bound < zero;
     const CellWalk::Crossing crossing = walk_.ahead(hn::BitCast(DI(), bound), empty);
     const V sigma_maj = bound * (kFirst ? scene_.first_sigma : scene_.sigma);
@@ -148,16 +152,21 @@ class Tracker {
     if constexpr (kMoved) {
       const V3 stored = stored_at(scene_, p, time_);
       value = hn::IfThenElseZero(collides, density_at(scene_.density, stored));
-      if (scene_.detail.octaves > 0) value = value * drawn_detail(scene_.detail, stored, rng_, collides);
+      if (scene_.detail.octaves > 0) value = with_detail(scene_.detail, stored, value, rng_, collides);
     } else {
-      const VI brick = brick_of(scene_, cell_index, collides);
-      value = scene_.interpolate ? hn::IfThenElseZero(collides, interpolated(scene_, brick, walk_.within(p)))
+      const VI brick = brick_of(walk_.grid, cell_index, collides);
+      value = scene_.interpolate ? hn::IfThenElseZero(collides, interpolated(walk_.grid, brick, walk_.within(p)))
                                  : one_voxel(walk_, rng_, p, brick, collides);
-      if (kField == Field::kDetailed) value = value * drawn_detail(scene_.detail, p, rng_, collides);
     }
     lookups_ += hn::CountTrue(d, collides);
     // 24 random bits are enough for roulette only: a collision may be less likely than 2^-24.
     const V u = kShadow ? rng_.uniform(collides) : rng_.fine_uniform(collides);
+    if constexpr (kField == Field::kDetailed) {
+      // Where no detail could make a real collision of it, none is looked up.
+      const M matters =
+          kWalk == Walk::kFlight && !kColour ? hn::And(collides, u * bound < value * scene_.detail.greatest) : collides;
+      value = with_detail(scene_.detail, p, value, rng_, matters);
+    }
     if constexpr (kFirst) {
       return scatter_share(p, value * scene_.sigma / sigma_maj, u, collides);
     } else if constexpr (kColour) {

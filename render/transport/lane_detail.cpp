@@ -1,28 +1,17 @@
 #include "render/transport/lane_detail.h"
 
 #include <algorithm>
+#include <cmath>
 
-#include "volume/medium.h"
+#include "volume/detail_flow.h"
+#include "volume/tracking.h"
 
 namespace brume {
 
-bool velocity_fits(const Detail& detail) {
-  if (!detail.velocity()) return true;
-  const auto& parts = detail.velocity()->field.parts;
-  return std::all_of(parts.begin(), parts.end(),
-                     [](const BrickGrid& part) { return part.empty() || LaneGrid::fits(part); });
-}
-
-VelocityGrids velocity_of(const Detail& detail) {
-  VelocityGrids grids;
-  if (const Displacement* const flow = detail.velocity())
-    for (size_t a = 0; a < 3; ++a) grids[a] = LaneGrid::of_values(flow->field.parts[a]);
-  return grids;
-}
-
-LaneDetail lane_detail(const Detail& detail, const VelocityGrids& velocity, int octaves) {
+LaneDetail lane_detail(const Detail& detail, int octaves) {
   LaneDetail lanes;
   lanes.amplitude = static_cast<float>(detail.amplitude());
+  lanes.greatest = static_cast<float>(detail.greatest() * kMajorantMargin);
   lanes.octaves = std::min(detail.octaves(), octaves);
   for (int row = 0; row < 3; ++row) {
     for (int column = 0; column < 3; ++column)
@@ -43,11 +32,15 @@ LaneDetail lane_detail(const Detail& detail, const VelocityGrids& velocity, int 
     lanes.phase[i] = {static_cast<float>(phase.weight), static_cast<float>(sum), static_cast<float>(phase.since),
                       static_cast<int32_t>(phase.seed)};
   }
-  if (const Displacement* const flow = detail.velocity()) {
-    lanes.carried = true;
+  if (const DetailFlow* const flow = detail.velocity()) {
+    lanes.flow = flow->points.data();
+    lanes.row = flow->count.z;
+    lanes.plane = flow->count.y * flow->count.z;
+    lanes.inverse_spacing = 1.0f / static_cast<float>(flow->spacing);
     for (int a = 0; a < 3; ++a) {
-      set_cells(lanes.velocity[a], velocity[static_cast<size_t>(a)]);
-      lanes.velocity_shift[a] = static_cast<float>(flow->origin_shift[a]);
+      lanes.points[a] = static_cast<float>(flow->count[a]);
+      lanes.step[a] = static_cast<float>(std::ldexp(flow->quantum[a], -DetailFlow::kBits * a));
+      lanes.rest[a] = static_cast<float>(std::ldexp(1.0 * DetailFlow::kRest, DetailFlow::kBits * a));
     }
   }
   return lanes;

@@ -1,15 +1,17 @@
 #pragma once
-#include <array>
 #include <cstdint>
 
 #include "render/transport/lane_cells.h"
 #include "volume/detail.h"
+#include "volume/detail_flow.h"
 
 namespace brume {
 
 /// Detail as the SIMD kernels (detail_noise.h) read it, in single precision.
 struct LaneDetail {
+  LaneCells cells = {};  ///< what flights and shadow rays walk through: the medium's own, or smaller ones
   float amplitude = 0;
+  float greatest = 1;       ///< that a density is multiplied by, or more
   int32_t octaves = 0;      ///< 0: there is no detail
   float matrix[3][3] = {};  ///< to the first octave's lattice, by rows
   float offset[3] = {};     ///< there, of the local origin; whole cells in `cell`
@@ -21,19 +23,16 @@ struct LaneDetail {
     float weight, weights_end, since;
     int32_t seed;
   } phase[Detail::kMostPhases] = {};
-  bool carried = false;          ///< by a velocity
-  LaneCells velocity[3] = {};    ///< its components; without values where one is 0 everywhere
-  float velocity_shift[3] = {};  ///< from the density's coordinates to those of the velocity
+  /// Of the DetailFlow that carries it; null where it stands still.
+  const float* flow = nullptr;
+  float points[3] = {};  ///< their number along each axis
+  int32_t row = 0, plane = 0;
+  float inverse_spacing = 1;
+  float step[3] = {}, rest[3] = {};  ///< of a component: what its bits are worth, where they lie in a word; its zero
 };
 
-/// The components of a velocity that carries detail.
-using VelocityGrids = std::array<LaneGrid, 3>;
-/// Whether single precision is enough for it, as LaneGrid::fits() says; true where it stands still.
-bool velocity_fits(const Detail& detail);
-VelocityGrids velocity_of(const Detail& detail);
-
-/// @param velocity  of it; the result refers to them
-/// @param octaves   at most so many of the widest; the others are left out, and with them their part of the amplitude
-LaneDetail lane_detail(const Detail& detail, const VelocityGrids& velocity, int octaves = Detail::kMostOctaves);
+/// @param detail   the result refers to its flow
+/// @param octaves  at most so many of the widest; the others are left out, and with them their part of the amplitude
+LaneDetail lane_detail(const Detail& detail, int octaves = Detail::kMostOctaves);
 
 }  // namespace brume

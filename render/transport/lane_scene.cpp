@@ -109,7 +109,14 @@ LaneScene lane_scene(const PathContext& context, size_t number, WorldPaths& worl
     s.isosurface_cell = grid.isosurface_cell.data();
     s.isosurface_density = static_cast<float>(context.isosurface_density * medium.maximum_density());
     if (const Displacement* const d = medium.displacement()) set_displacement(s, *d, context.displaced_grids[number]);
-    if (medium.detail()) s.detail = lane_detail(*medium.detail(), context.displaced_grids[number].displacement);
+    if (medium.detail()) {
+      s.detail = lane_detail(*medium.detail());
+      s.detail.cells = s;
+      if (const LaneGrid& small = context.displaced_grids[number].density; small.values && !s.displaced) {
+        set_cells(s.detail.cells, small);
+        s.detail.cells.stored = s.stored;
+      }
+    }
   }
   set_medium(s, medium, context.plan.first_collision.majorant);
   s.stop = context.stop;

@@ -20,7 +20,6 @@ Precision precision_for(const Medium& m) {
       if (!part.empty() && !LaneGrid::fits(part)) return Precision::kDouble;
     if (!LaneGrid::fits(d->envelope)) return Precision::kDouble;
   }
-  if (m.detail() && !velocity_fits(*m.detail())) return Precision::kDouble;
   const Medium most = m.thickest();
   const double longest_voxel =
       most.voxel_volume() / (most.voxel_size() * most.voxel_size());  // at least its longest edge

@@ -11,6 +11,7 @@
 #include "render/world/everywhere.h"
 #include "render/world/volume_fields.h"
 #include "volume/array_volume.h"
+#include "volume/detail_flow.h"
 #include "volume/majorant_cost.h"
 #include "volume/volume_grids.h"
 
@@ -20,6 +21,7 @@ struct SceneMedia::Volume {
   ScalarField density, temperature, flame;
   VectorField colour;
   Displacement displacement, temperature_displacement, flame_displacement;
+  DetailFlow flow;
 };
 
 namespace {
@@ -380,19 +382,29 @@ class SceneMedia::Loader {
     const VolumeDetail& d = v_.detail;
     const auto detail = std::make_shared<Detail>(Detail::Settings{d.amplitude, d.frequency, d.octaves, d.seed},
                                                  density.bricks.origin());
-    Displacement& flow = volume_->displacement;
-    if (carries_detail(v_) && !still_ && fresh_ && flow.field.parts[0].empty() && flow.field.parts[1].empty() &&
-        flow.field.parts[2].empty()) {
-      load_displacement(density, flow, dvec2(0));
-      flow.envelope = {};
+    if (carries_detail(v_)) {
+      if (fresh_ && !still_) volume_->flow = detail_flow(density);
+      if (!volume_->flow.empty()) detail->carry(volume_->flow, frame_of(v_, scene_.render.frame));
     }
-    if (carries_detail(v_) && flow.field.bytes() > 0) detail->carry(flow, frame_of(v_, scene_.render.frame));
     medium.set_detail(*detail);
     into_.details_.push_back(detail);
   }
 
+  /// By the velocity that blurs the density, or that of the frame.
+  DetailFlow detail_flow(const ScalarField& density) {
+    Displacement of_frame;
+    const bool blurred = volume_->displacement.field.bytes() > 0;
+    if (!blurred) load_displacement(density, of_frame, dvec2(0));
+    DetailFlow flow(blurred ? volume_->displacement : of_frame, density.bricks, task_);
+    count("velocity of its detail", flow.bytes());
+    return flow;
+  }
+
   void displace(Medium& shape, const ScalarField& field, Displacement& displacement) {
-    if (fresh_) load_displacement(field, displacement, v_.moment.rate * scene_.camera.shutter);
+    if (fresh_) {
+      load_displacement(field, displacement, v_.moment.rate * scene_.camera.shutter);
+      count("velocity of " + field.summary.name, displacement.field.bytes() + displacement.envelope.bytes());
+    }
     if (!displacement.envelope.empty()) shape.set_displacement(displacement);
   }
 
@@ -412,9 +424,7 @@ class SceneMedia::Loader {
       note(fmt::format("{}: \"auto\" finds none, and nothing is {}", error.what(),
                        shutter_opens_ ? "blurred by its motion" : "carried along"));
       still_ = true;
-      return;
     }
-    count("velocity of " + field.summary.name, displacement.field.bytes() + displacement.envelope.bytes());
   }
 
   /// What moves a field over the shutter, on the field's own lattice.

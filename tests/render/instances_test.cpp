@@ -133,6 +133,7 @@ TEST_F(InstanceFiles, HoldPlacesTurnsAndScales) {
     EXPECT_EQ(list.densities[0], 0.5);
     EXPECT_EQ(list.tints[0], dvec3(1, 0.5, 0.25));
   }
+  EXPECT_EQ(places_of(written("g.csv", "x y z tint\n1 2 3 .5\n"), "").tints[0], dvec3(0.5));
   const InstanceList rows =
       places_of(written("m.csv", "m00;m01;m02;m03;m10;m11;m12;m13;m20;m21;m22;m23\n1;0;0;7;0;2;0;8;0;0;3;9\n"), "");
   EXPECT_EQ(dvec3(rows.matrices[0] * glm::dvec4(1, 1, 1, 1)), dvec3(8, 10, 12));

@@ -22,6 +22,8 @@ namespace fs = std::filesystem;
 constexpr uint64_t kLastWithoutFog = 1000;
 // The same of detail in most of the grids.
 constexpr uint64_t kLastWithoutDetail = 2000;
+// The same of a volume that stands at several places, and of the phase functions of dust and air.
+constexpr uint64_t kLastWithoutPlaces = 3000;
 
 std::string text_of(double v) {
   return fmt::format("{:.3g}", v);
@@ -135,6 +137,31 @@ class Writer {
     }
     is(fmt::format("{} media", count));
     for (Body& body : bodies_) medium(body);
+    if (seed_ > kLastWithoutPlaces) places();
+  }
+
+  /// One of the volumes at two to four places around its own: turned, smaller, denser, darker; they overlap.
+  void places() {
+    is("instances");
+    const int volume = below(static_cast<int>(bodies_.size()));
+    const Body& body = bodies_[static_cast<size_t>(volume)];
+    tables_ += "\n[[instances]]\n";
+    line("volume", std::to_string(volume));
+    std::string matrices;
+    const int count = 2 + below(3);
+    for (int i = 0; i < count; ++i) {
+      const Frame turned(random_direction(rng_));
+      const dvec3 scale = tint(0.5, 0.9);
+      const dmat3 m(turned.x * scale.x, turned.y * scale.y, turned.z * scale.z);
+      const dvec3 at = body.centre + 0.5 * body.radius * random_direction(rng_) - m * body.centre;
+      matrices += i > 0 ? ", [" : "[";
+      for (int row = 0; row < 3; ++row)
+        matrices += fmt::format("[{:.4g}, {:.4g}, {:.4g}, {:.4g}], ", m[0][row], m[1][row], m[2][row], at[row]);
+      matrices += "[0, 0, 0, 1]]";
+    }
+    line("matrices", "[" + matrices + "]");
+    line("density", between(0.5, 1.5));
+    line("tint", tint(0.7, 1));
   }
 
   void medium(Body& body) {
@@ -165,6 +192,22 @@ class Writer {
     } else {
       line("albedo", 1 - between_logarithmically(0.005, 0.5));
     }
+    phase();
+    if (chance(0.2)) {
+      is("emissive");
+      line("emission", 0.3 / body.radius * tint(0.1, 1));
+    }
+  }
+
+  void phase() {
+    if (seed_ > kLastWithoutPlaces && chance(0.6)) {
+      const bool dust = chance(0.5);
+      is(dust ? "draine" : "rayleigh");
+      name("phase", dust ? "draine" : "rayleigh");
+      if (dust) line("g", between(0, 0.7));
+      if (dust) line("draine_alpha", between(0.1, 1));
+      return;
+    }
     switch (below(6)) {
       case 0:
         break;
@@ -182,10 +225,6 @@ class Writer {
         break;
       default:
         line("g", between(-0.4, 0.8));
-    }
-    if (chance(0.2)) {
-      is("emissive");
-      line("emission", 0.3 / body.radius * tint(0.1, 1));
     }
   }
 

@@ -10,6 +10,7 @@
 
 #include "base/running_statistics.h"
 #include "tests/support/volumes.h"
+#include "volume/detail_flow.h"
 #include "volume/tracking.h"
 
 namespace brume {
@@ -117,11 +118,12 @@ TEST(Detail, IsCarriedAlongAVelocityWithoutPulsating) {
   for (size_t a = 0; a < 3; ++a)
     flow.field.parts[a] = test::constant_box(ivec3(-60), ivec3(60), a == 0 ? 0.75f : a == 1 ? -0.5f : 0.25f);
   flow.origin_shift = dvec3(one.origin() - flow.field.parts[0].origin());
+  const DetailFlow carrying(flow, one, {});
   const dvec3 velocity(0.75, -0.5, 0.25);
   Rng rng(8);
   for (const double frame : {-3.0, 0.0, 0.4, 5.0, 11.9, 12.0, 1001.5}) {
     Detail detail({0.8, 0.7, 3, 4}, one.origin());
-    detail.carry(flow, frame);
+    detail.carry(carrying, frame);
     double sum = 0, squares = 0;
     for (int i = 0; i < detail.phases(); ++i) {
       sum += detail.phase(i).weight;
@@ -131,7 +133,7 @@ TEST(Detail, IsCarriedAlongAVelocityWithoutPulsating) {
     EXPECT_NEAR(squares, 0.5, 1e-12);
     // A hundredth of a frame later all of it has moved on, and the weights hardly changed.
     Detail later({0.8, 0.7, 3, 4}, one.origin());
-    later.carry(flow, frame + 0.01);
+    later.carry(carrying, frame + 0.01);
     for (int i = 0; i < 300; ++i) {
       const dvec3 p = test::random_point(rng, dvec3(20), dvec3(70));
       double expected = 0;
@@ -141,6 +143,29 @@ TEST(Detail, IsCarriedAlongAVelocityWithoutPulsating) {
       ASSERT_NEAR(detail.factor(p), 1 + 0.8 * expected, 1e-6);
       ASSERT_NEAR(later.factor(p + 0.01 * velocity), detail.factor(p), 0.012);
     }
+  }
+}
+
+// A whirl, a turn of which takes 12 frames: between points two voxels apart it is linear but for 1 / 1024 of the
+// largest.
+TEST(DetailFlow, IsTheVelocityToAThousandth) {
+  const VoxelBox box{ivec3(0), ivec3(47)};
+  const auto whirl = [](const ivec3& v, size_t axis) {
+    const double x = v.x - 24.0, y = v.y - 24.0;
+    return static_cast<float>(axis == 0 ? -0.5 * y : axis == 1 ? 0.5 * x : 0.0);
+  };
+  const BrickGrid density = test::make_bricks(box, [](const ivec3& v) { return v.z < 24 ? 1.0f : 0.0f; });
+  Displacement velocity;
+  for (size_t a = 0; a < 3; ++a)
+    velocity.field.parts[a] = test::make_bricks({ivec3(-8), ivec3(63)}, [&](const ivec3& v) { return whirl(v, a); });
+  velocity.origin_shift = dvec3(density.origin() - velocity.field.parts[0].origin());
+  const DetailFlow flow(velocity, density, {});
+  EXPECT_EQ(flow.spacing, 2);
+  Rng rng(12);
+  for (int i = 0; i < 20000; ++i) {
+    const dvec3 p = test::random_point(rng, dvec3(2), dvec3(46, 46, 22));
+    const dvec3 v = velocity.field.lookup(p + velocity.origin_shift);
+    ASSERT_LT(glm::length(flow.lookup(p) - v), 14.0 / 511);
   }
 }
 

@@ -75,6 +75,44 @@ TEST_P(LaneGridOfCells, CubesAheadAreEmptyAndTheLargestWhereTheyAreSmall) {
   EXPECT_TRUE(GetParam() == 16 || large > 10);
 }
 
+// Each is the field of one of the eight parts of a cell, bound by its own values, and empty where these are 0.
+TEST_P(LaneGridOfCells, HalvedCellsHoldTheSameFieldUnderTighterBounds) {
+  const LaneGrid half = LaneGrid::halved(bricks, 1.5);
+  ASSERT_EQ(half.cell_size, bricks.cell_size() / 2);
+  ASSERT_EQ(ivec3(half.nx, half.ny, half.nz), 2 * bricks.cells());
+  const int row = bricks.stored();
+  size_t tighter = 0, more_empty = 0;
+  for (int x = 0; x < half.nx; ++x)
+    for (int y = 0; y < half.ny; ++y)
+      for (int z = 0; z < half.nz; ++z) {
+        const size_t i = (static_cast<size_t>(x) * half.ny + y) * half.nz + z;
+        const ivec3 lo = half.cell_size * ivec3(x, y, z);
+        float largest = 0;
+        for (int k = 0; k < (half.cell_size + 1) * (half.cell_size + 1) * (half.cell_size + 1); ++k) {
+          const int side = half.cell_size + 1;
+          const ivec3 step(k / (side * side), k / side % side, k % side);
+          const float value = bricks.voxel(lo + step);
+          largest = std::max(largest, value);
+          if (half.brick[i] >= 0) {
+            ASSERT_EQ(half.values[half.brick[i] + (step.x * row + step.y) * row + step.z], value);
+          }
+        }
+        const float whole = grid.majorant[at(ivec3(x, y, z) / 2)];
+        if (largest > 0) {
+          ASSERT_EQ(half.majorant[i], 1.5f * largest);
+          tighter += largest < whole;
+        } else {
+          ASSERT_LT(half.majorant[i], 0);
+          more_empty += whole > 0;
+        }
+      }
+  // All parts of a cell of 16 share the middle of its blob.
+  if (GetParam() < 16) {
+    EXPECT_GT(tighter, 100u);
+  }
+  EXPECT_GT(more_empty, 10u);
+}
+
 TEST(OctantSkip, LosesLittleOfTheOctantsProduct) {
   Rng rng(2);
   for (int i = 0; i < 2000; ++i) {
