@@ -115,6 +115,15 @@ Pilot fly_pilot(const PathContext& context, const Scene& scene, const Camera& ca
   return p;
 }
 
+/// What is recorded beside light takes no part.
+PathContext without_layers(PathContext context) {
+  Plan& plan = context.plan;
+  plan.isosurface = plan.flash = plan.first_event = plan.first_surface = plan.first_scatter_gradient = false;
+  plan.weighted_gradient = plan.optical_depth = false;
+  plan.first_collision.paths = PathCounts();
+  return context;
+}
+
 /// Relative variance of a path, by its spread, which few paths tell better where some of them carry much. Of normal
 /// distributions the mean absolute difference is 2 / sqrt(pi) standard deviations; paths in fire have twice that
 /// variance.
@@ -126,7 +135,7 @@ double path_variance(const dvec3& spread) {
 }  // namespace
 
 PathCounts choose_path_counts(const PathContext& context, const Scene& scene, const Camera& camera, const Task& task) {
-  const Pilot pilot = fly_pilot(context, scene, camera, task);
+  const Pilot pilot = fly_pilot(without_layers(context), scene, camera, task);
   std::vector<double> variance(pilot.size()), wanted(pilot.size());
   for (size_t k = 0; k < pilot.size(); ++k) {
     variance[k] = path_variance(pilot.spread[k]);

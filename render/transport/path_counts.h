@@ -19,13 +19,14 @@ class PathCounts {
   explicit PathCounts(int count) : most_(count), mean_(count), counts_(1, static_cast<uint8_t>(count)) {}
 
   int at(int x, int y) const {
+    if (counts_.size() == 1) return most_;
     const int column = x * columns_ / width_, row = y * rows_ / height_;
     return counts_[static_cast<size_t>(row) * static_cast<size_t>(columns_) + static_cast<size_t>(column)];
   }
   /// @param pixel  SampleKey::pixel
   int of_pixel(uint32_t pixel) const {
     const auto width = static_cast<uint32_t>(width_);
-    return most_ == 1 ? 1 : at(static_cast<int>(pixel % width), static_cast<int>(pixel / width));
+    return at(static_cast<int>(pixel % width), static_cast<int>(pixel / width));
   }
   int most() const { return most_; }
   double mean() const { return mean_; }
