@@ -83,6 +83,7 @@ Pilot fly_pilot(const PathContext& context, const Scene& scene, const Camera& ca
     for (size_t i = 0; i < requests.size(); ++i) requests[i].events = &events[i];
     std::vector<dvec3> seen(requests.size()), all(requests.size());
     const auto keep = [&](size_t i, const PathSample& s) {
+      if (!std::isfinite(s.beauty.x + s.beauty.y + s.beauty.z)) return;  // the film will reject it, too
       all[i] = s.beauty;
       seen[i] = s.emission;
       if (context.plan.first_collision.forced) seen[i] += s.background;
