@@ -17,7 +17,7 @@ constexpr uint32_t kSamples = 2;  // camera rays through the pixel at each of th
 
 // Processor time of a voxel that a camera ray's walk through what emits crosses, and of a path before its first event,
 // in that of an event. Events in the one grid stay in lanes, so that voxels count for more.
-constexpr double kVoxelCost = 0.16, kVoxelCostInOneGrid = 0.35, kStartCost = 1.0;
+constexpr double kVoxelCost = 0.16, kVoxelCostInOneGrid = 0.7, kStartCost = 1.0;
 
 // Share of the variance of what camera rays see that is left where samples spread evenly over the pixel.
 constexpr double kUneven = 0.3;
