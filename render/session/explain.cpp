@@ -75,9 +75,9 @@ std::string explain(const Plan& plan, const Scene& scene, const SceneMedia& medi
     if (in_double) line("  in double", fmt::format("{} of {} media, one path at a time", in_double, plan.media.size()));
     line("first collision",
          plan.first_collision.forced ? "forced: camera rays scatter what does not pass" : "by chance");
-    if (plan.first_collision.paths > 1)
-      line("  of each ray",
-           fmt::format("{} paths go on from a camera ray through what emits", plan.first_collision.paths));
+    if (plan.first_collision.paths.most() > 1)
+      line("  of each ray", fmt::format("{:.1f} paths go on in the mean, up to {} where light is noisy",
+                                        plan.first_collision.paths.mean(), plan.first_collision.paths.most()));
     line("motion", plan.moving_media ? "media are placed anew for each path's time" : "none");
   }
   line("emission", !plan.emission ? "none"

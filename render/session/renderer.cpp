@@ -63,6 +63,11 @@ PathContext PreparedScene::context_for(const Scene& scene, const Camera& camera,
   context.indirect_limit = scene.render.indirect_limit;
   context.roulette_start = scene.render.roulette_start;
   context.plan = std::move(plan);
+  if (context.plan.splits_camera_rays) {
+    stop_.cancel = task.cancel;
+    context.stop = &stop_;
+    context.plan.first_collision.paths = choose_path_counts(context, scene, camera, task);
+  }
   if (context.plan.isosurface) find_isosurfaces(task);
   if (context.plan.flash) {
     stop_.cancel = task.cancel;

@@ -55,16 +55,25 @@ PathRequest camera_request(const Scene& scene, const Plan& plan, const Camera& c
   return r;
 }
 
-std::vector<PathRequest> coarse_requests(const Scene& scene, const Plan& plan, const Camera& camera, int grid,
-                                         uint32_t samples) {
+std::vector<PathRequest> coarse_requests(const Scene& scene, const Plan& plan, const Camera& camera, int columns,
+                                         int rows, int row, uint32_t samples) {
   constexpr int64_t kSeed = 0x5eedf1a5;
   std::vector<PathRequest> requests;
-  for (int j = 0; j < grid; ++j)
-    for (int i = 0; i < grid; ++i) {
-      const int x = (2 * i + 1) * scene.film.width / (2 * grid);
-      const int y = (2 * j + 1) * scene.film.height / (2 * grid);
-      for (uint32_t s = 0; s < samples; ++s) requests.push_back(camera_request(scene, plan, camera, kSeed, x, y, s));
-    }
+  const int y = (2 * row + 1) * scene.film.height / (2 * rows);
+  for (int i = 0; i < columns; ++i) {
+    const int x = (2 * i + 1) * scene.film.width / (2 * columns);
+    for (uint32_t s = 0; s < samples; ++s) requests.push_back(camera_request(scene, plan, camera, kSeed, x, y, s));
+  }
+  return requests;
+}
+
+std::vector<PathRequest> coarse_requests(const Scene& scene, const Plan& plan, const Camera& camera, int grid,
+                                         uint32_t samples) {
+  std::vector<PathRequest> requests;
+  for (int j = 0; j < grid; ++j) {
+    const std::vector<PathRequest> row = coarse_requests(scene, plan, camera, grid, grid, j, samples);
+    requests.insert(requests.end(), row.begin(), row.end());
+  }
   return requests;
 }
 

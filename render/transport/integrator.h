@@ -81,6 +81,7 @@ struct PathRequest {
   SampleKey key;
   EntryBound start{};            ///< of the pixel
   PathRecord* record = nullptr;  ///< filled where not null; needs LayerRequest::records
+  uint32_t* events = nullptr;    ///< where not null, the events of its paths are added
 };
 
 /// The camera ray and the random numbers of one sample of pixel (x, y) of the whole picture.
@@ -90,6 +91,9 @@ PathRequest camera_request(const Scene& scene, const Plan& plan, const Camera& c
 /// their own, so that such an estimate is a constant of the scene.
 std::vector<PathRequest> coarse_requests(const Scene& scene, const Plan& plan, const Camera& camera, int grid,
                                          uint32_t samples);
+/// Of one row of a grid of columns x rows.
+std::vector<PathRequest> coarse_requests(const Scene& scene, const Plan& plan, const Camera& camera, int columns,
+                                         int rows, int row, uint32_t samples);
 
 /// Takes the sample of the request with an index, in any order, one at a time.
 using SampleSink = std::function<void(size_t index, const PathSample& sample)>;

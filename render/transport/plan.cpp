@@ -138,8 +138,7 @@ Plan make_plan(const Scene& scene, const SceneMedia& media, const Lights& lights
       std::all_of(fields.begin(), fields.end(), LaneEmission::fits);
   if (plan.one_grid && (!plan.emission || plan.seen_emission))  // else emission is integrated along free flights
     plan.first_collision = choose_first_collision(all[0], rays, scene.render.first_collision);
-  if (plan.seen_emission && !plan.layers.records)
-    plan.first_collision.paths = choose_paths(all, fields, rays, plan.first_collision.forced);
+  plan.splits_camera_rays = plan.seen_emission && !plan.layers.records;
   return plan;
 }
 

@@ -32,6 +32,7 @@ struct Plan {
   bool surfaces = false;            ///< triangle meshes
   bool emission = false;            ///< fields that emit
   bool seen_emission = false;       ///< integrated along camera rays, through media that stand still
+  bool splits_camera_rays = false;  ///< several paths may go on from one: FirstCollision::paths
   bool lens = false, shutter = false;
   bool one_grid = false;               ///< paths live in the local coordinates of the one grid that there is
   bool interpolate = false;            ///< interpolate all eight voxels around a point, do not draw one

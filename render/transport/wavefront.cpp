@@ -75,7 +75,7 @@ class Wavefront {
     if (c_.surfaces) surfaces_.emplace(c_, p_, w_, pool_.samples, counters_);
     if (GroupLights::wanted(c_))
       group_lights_.emplace(c_, p_, w_, flights_, surfaces_ ? &*surfaces_ : nullptr, balls_.get());
-    if (c_.plan.first_collision.paths > 1) splits_ = std::make_unique<CameraSplits>(keeps_samples());
+    if (c_.plan.first_collision.paths.most() > 1) splits_ = std::make_unique<CameraSplits>(keeps_samples());
     if (c_.plan.layers.records) recorder_.emplace(c_, p_, w_);
   }
 
@@ -154,7 +154,7 @@ class Wavefront {
     p_.request[i] = static_cast<uint32_t>(index);
     PathGenerator(p_, i).seed(hash_combine(request.key.pixel_hash(), request.key.sample));
     if (keeps_samples()) pool_.samples[i] = {};
-    const int splits = splits_ && begin.meets && emission_->may_meet(request.ray) ? c_.plan.first_collision.paths : 1;
+    const int splits = begin.meets ? c_.plan.first_collision.paths.of_pixel(request.key.pixel) : 1;
     if (splits_) splits_->start(i, splits);
     if (emission_) emission_->start(i, splits);
     begin_path(i, request);
@@ -485,6 +485,7 @@ class Wavefront {
 
   void finish(size_t i) {
     counters_.longest = std::max<uint64_t>(counters_.longest, p_.events[i]);
+    if (uint32_t* const events = requests_[p_.request[i]].events) *events += p_.events[i];
     CameraSplits::End end{.first_on_surface = w_.past_of(i, c_.plan).first_on_surface};
     if (w_.past_of(i, c_.plan).in_hole)
       end.hole = dvec3(p_.throughput[i]);

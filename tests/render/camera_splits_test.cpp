@@ -31,7 +31,7 @@ constexpr int kSize = 24;
 /// Means of all members of a PathSample, and of the groups' light, over a picture.
 std::vector<PictureMean> means(const PreparedScene& scene, int paths, int spp, int64_t seed) {
   PathContext context = scene.context();
-  context.plan.first_collision.paths = paths;
+  context.plan.first_collision.paths = PathCounts(paths);
   constexpr size_t kValues = offsetof(PathSample, groups) / sizeof(double);
   const size_t groups = 3 * 4 * context.lights->groups().size();  // PathSample::groups
   return test::picture_means(
@@ -85,7 +85,7 @@ TEST(CameraSplits, ArePlannedWhereCameraRaysSeeFire) {
   const auto paths = [](const Scene& scene, bool records) {
     LayerRequest layers;
     layers.records = records;
-    return PreparedScene(scene, layers).plan().first_collision.paths;
+    return PreparedScene(scene, layers).plan().first_collision.paths.most();
   };
   EXPECT_GT(paths(demo("fire", kSize), false), 1);
   EXPECT_EQ(paths(demo("fire", kSize), true), 1);
@@ -96,7 +96,7 @@ TEST(CameraSplits, ArePlannedWhereCameraRaysSeeFire) {
 TEST(CameraSplits, HaveTheSameBitsForAllThreadsAndInstructionSets) {
   for (const auto& [name, scene] : {scenes()[0], scenes()[1]}) {
     const PreparedScene prepared(scene, LayerRequest::of({"direct", "indirect", "albedo"}, true));
-    ASSERT_GT(prepared.plan().first_collision.paths, 1) << name;
+    ASSERT_GT(prepared.plan().first_collision.paths.most(), 1) << name;
     const Layers best = prepared.render(4, 1, {}).layers;
     test::expect_same_bits(best, prepared.render(4, 1, {1, {}, nullptr}).layers, "one thread");
     test::on_every_target(
@@ -114,7 +114,7 @@ TEST(CameraSplits, StateTheVarianceOfTheirPixels) {
                                  s.camera.position = {0, -5, 0.5}, s.camera.look_at = {0, 0, 0.5};
                                }),
                                LayerRequest::of({"single"}, true));
-  ASSERT_GT(prepared.plan().first_collision.paths, 1);
+  ASSERT_GT(prepared.plan().first_collision.paths.most(), 1);
   double stated = 0, found = 0;
   for (int seed = 0; seed < 8; ++seed) {
     const Layers a = prepared.render(16, 2 * seed).layers, b = prepared.render(16, 2 * seed + 1).layers;
