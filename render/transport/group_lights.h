@@ -9,9 +9,10 @@
 
 namespace brume {
 
-/// A light sample, with a shadow ray, of every light group at a path's first vertices, where the picture has one of one
-/// light: for `light.NAME.aimed`, whose noise is that of a render of the group's lights alone. The picture and the
-/// layers `light.NAME` keep their random numbers and do without.
+/// A light sample, with a shadow ray, of every light group at a path's first vertex, and of each in half of the pixel's
+/// paths at the next ones, where the picture has one of one light: for `light.NAME.aimed`, whose noise is about that of
+/// a render of the group's lights alone. The picture and the layers `light.NAME` keep their random numbers and do
+/// without.
 class GroupLights {
  public:
   using GroupLight = WorldPaths::GroupLight;
@@ -41,8 +42,10 @@ class GroupLights {
   const GroupLight& apart(size_t slot, size_t group) const { return apart_[slot * w_.groups + group]; }
 
  private:
+  std::span<const Light* const> lights_of(size_t group) const;
+  bool is_turn_of(size_t group, size_t slot, const SampleKey& key) const;
   double probability_of_group(size_t group, const dvec3& p, bool fields) const;
-  LightSample sample_of(size_t group, const dvec3& p, bool fields, PathGenerator& rng) const;
+  LightSample sample_of(size_t group, size_t slot, const dvec3& p, bool fields);
   bool aim_from_medium(size_t slot, size_t group);
 
   const PathContext& c_;
@@ -51,10 +54,13 @@ class GroupLights {
   MediaFlights& flights_;
   SurfaceEvents* surfaces_;
   const BallSamples* balls_;
-  std::vector<std::vector<const Light*>> lights_;  // that are sampled, by group
-  std::vector<GroupLight> apart_;                  // by slot and group
-  std::vector<bool> sampled_;                      // slots, at their vertex
-  std::vector<PathGenerator::State> generators_;   // of the slots
+  std::vector<const Light*> lights_;              // that are sampled, by group
+  std::vector<size_t> first_;                     // of each group's lights; behind them their number
+  std::vector<GroupLight> apart_;                 // by slot and group
+  std::vector<bool> sampled_;                     // slots, at their vertex
+  std::vector<bool> knows_shares_;                // likewise: whether shares_ are those of the vertex
+  std::vector<double> shares_;                    // of the picture's choice, by slot and light
+  std::vector<PathGenerator::State> generators_;  // of the slots
   SlotList hits_, met_, shadows_;
 };
 
