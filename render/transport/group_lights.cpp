@@ -62,7 +62,6 @@ void GroupLights::start(size_t slot) {
 }
 
 void GroupLights::sample(std::span<const PathRequest> requests, const SlotList& hits, const SlotList& met) {
-  const auto key_of = [&](size_t i) -> const SampleKey& { return requests[p_.request[i]].key; };
   const auto prepare = [&](const SlotList& from, SlotList& to) {
     to.clear();
     for (const size_t i : from) {
@@ -72,7 +71,7 @@ void GroupLights::sample(std::span<const PathRequest> requests, const SlotList& 
       to.push(i);
       PathGenerator rng(p_, i);
       generators_[i] = rng.state();
-      const SampleKey& key = key_of(i);
+      const SampleKey& key = requests[p_.request[i]].key;
       rng.seed(hash_combine(hash_combine(key.pixel_hash(), key.sample), 0x67726f75u + p_.events[i]));
     }
   };
@@ -82,31 +81,20 @@ void GroupLights::sample(std::span<const PathRequest> requests, const SlotList& 
     if (lights_of(group).empty()) continue;
     shadows_.clear();
     for (const size_t i : hits_)
-      if (is_turn_of(group, i, key_of(i)) && aim_from_medium(i, group)) shadows_.push(i);
+      if (aim_from_medium(i, group)) shadows_.push(i);
     for (const size_t i : met_)
-      if (is_turn_of(group, i, key_of(i)) &&
-          surfaces_->aim(i, [&](const dvec3& p) { return sample_of(group, i, p, true); }))
-        shadows_.push(i);
+      if (surfaces_->aim(i, [&](const dvec3& p) { return sample_of(group, i, p, true); })) shadows_.push(i);
     if (surfaces_) surfaces_->shadow(shadows_);
     flights_.shadow(shadows_);
     for (const size_t i : shadows_) {
       vec3 L = p_.contribution[i] * p_.transmittance[i];
       if (c_.plan.chromatic) L *= p_.shadow_colour[i];
-      if (p_.events[i] > 0) L *= 2.0f;  // it stands for the paths whose turn it is not
       GroupLight& own = apart_[i * w_.groups + group];
       (is_direct(p_.events[i] + 1) ? own.direct : own.indirect) += L;
     }
   }
   for (const SlotList* list : {&hits_, &met_})
     for (const size_t i : *list) PathGenerator(p_, i).set(generators_[i]);
-}
-
-/// Whether a group is sampled at the vertex of a path: at the first one always, later in every other pair of a pixel's
-/// samples, so that either half has as many. Which pairs, a bit of the pixel says: on average it is every group's turn
-/// half of the time.
-bool GroupLights::is_turn_of(size_t group, size_t slot, const SampleKey& key) const {
-  const uint64_t pair = key.sample / 2;
-  return p_.events[slot] == 0 || (pair + group + p_.events[slot] + (key.pixel_hash() >> 7)) % 2 == 0;
 }
 
 void GroupLights::replace(size_t slot, const vec3& L) {

@@ -9,10 +9,9 @@
 
 namespace brume {
 
-/// A light sample, with a shadow ray, of every light group at a path's first vertex, and of each in half of the pixel's
-/// paths at the next ones, where the picture has one of one light: for `light.NAME.aimed`, whose noise is about that of
-/// a render of the group's lights alone. The picture and the layers `light.NAME` keep their random numbers and do
-/// without.
+/// A light sample, with a shadow ray, of every light group at a path's first vertices, where the picture has one of one
+/// light: for `light.NAME.aimed`, whose noise is that of a render of the group's lights alone. The picture and the
+/// layers `light.NAME` keep their random numbers and do without.
 class GroupLights {
  public:
   using GroupLight = WorldPaths::GroupLight;
@@ -43,7 +42,6 @@ class GroupLights {
 
  private:
   std::span<const Light* const> lights_of(size_t group) const;
-  bool is_turn_of(size_t group, size_t slot, const SampleKey& key) const;
   double probability_of_group(size_t group, const dvec3& p, bool fields) const;
   LightSample sample_of(size_t group, size_t slot, const dvec3& p, bool fields);
   bool aim_from_medium(size_t slot, size_t group);
