@@ -2,7 +2,7 @@
 #include <algorithm>
 #include <optional>
 
-#include "render/guides/sharp_light.h"
+#include "render/guides/lit_surface.h"
 
 namespace brume {
 
@@ -18,15 +18,15 @@ inline LightSample at_rim(const KnownLight& light, const dvec3& p, int i) {
       p, round ? dvec2(kRim, (i + 0.5) / kRimPoints) : dvec2(i % 2 ? kRim : 1 - kRim, i / 2 ? kRim : 1 - kRim));
 }
 
-/// What surfaces leave of the light, if they leave nearly as much of all of it: asked at its rim, so that penumbras are
-/// found nearly where they begin.
-inline std::optional<dvec3> left_alike(const KnownLight& light, const Surfaces& surfaces, const dvec3& p) {
+/// What surfaces and other lamps leave of the light, if they leave nearly as much of all of it: asked at its rim, so
+/// that penumbras are found nearly where they begin.
+inline std::optional<dvec3> left_alike(const KnownLight& light, const LitSurfaces& surfaces, const dvec3& p) {
   constexpr double kAlike = 0.1;  // glass lets more or less through by the angle
   dvec3 least(1), most(0), sum(0);
   for (int i = 0; i < kRimPoints; ++i) {
     const LightSample s = at_rim(light, p, i);
     if (!(s.pdf > 0)) return {};
-    const dvec3 open = surfaces.passage({p, s.wi}, std::min(s.distance, kFar)).light;
+    const dvec3 open = surfaces.open({p, s.wi}, std::min(s.distance, kFar), base_of(light));
     least = glm::min(least, open);
     most = glm::max(most, open);
     if (max_component(most - least) > kAlike) return {};

@@ -76,15 +76,29 @@ ShadedPoint::ShadedPoint(const Surfaces& surfaces, const Ray& ray, const Surface
   bsdf = gloss ? bsdf.base_seen(glm::dot(wo, normal)) : bsdf.evened();
 }
 
+dvec3 LitSurfaces::open(const Ray& shadow, double distance, const Light& from) const {
+  const bool hidden = std::any_of(groups.begin(), groups.end(), [&](const std::unique_ptr<GuideLight>& group) {
+    const SharpLight* const sharp = group->sharp();
+    const Light* const light = sharp ? &base_of(sharp->light()) : &from;
+    if (light == &from) return false;
+    const auto* const lamp = dynamic_cast<const FiniteLight*>(light);
+    if (!lamp || !lamp->solid()) return false;
+    const double t = lamp->intersect(shadow);
+    return t > 0 && t < distance;
+  });
+  return hidden ? dvec3(0) : surfaces->passage(shadow, distance).light;
+}
+
 // What surfaces leave of a light at a point: its middle if it is small, else the mean over it.
 dvec3 LitSurfaces::unshadowed(const KnownLight& source, const ArrivingLight& light, const dvec3& p) const {
-  if (!has_extent(source)) return surfaces->passage({p, light.towards}, light.distance).light;
-  if (const std::optional<dvec3> alike = left_alike(source, *surfaces, p)) return *alike;
+  const Light& from = base_of(source);
+  if (!has_extent(source)) return open({p, light.towards}, light.distance, from);
+  if (const std::optional<dvec3> alike = left_alike(source, *this, p)) return *alike;
   dvec3 sum(0);
   for (int i = 0; i < kPenumbraAcross * kPenumbraAcross; ++i) {
     const dvec2 place = (dvec2(i % kPenumbraAcross, i / kPenumbraAcross) + 0.5) / static_cast<double>(kPenumbraAcross);
-    const LightSample s = base_of(source).sample(p, place);
-    sum += surfaces->passage({p, s.wi}, std::min(s.distance, kFar)).light;
+    const LightSample s = from.sample(p, place);
+    sum += open({p, s.wi}, std::min(s.distance, kFar), from);
   }
   return sum / static_cast<double>(kPenumbraAcross * kPenumbraAcross);
 }

@@ -61,7 +61,10 @@ struct LitSurfaces {
   /// Shares of a light that arrive at a point through the media and past surfaces; indirect: scattered by forward peaks
   /// alone.
   Lit transmitted(const KnownLight& source, const ArrivingLight& light, const dvec3& p) const;
-  /// The same through the media alone, along a direction.
+  /// What surfaces and other lamps leave of a light: those that have guides of their own.
+  /// @param from  the light
+  dvec3 open(const Ray& shadow, double distance, const Light& from) const;
+  /// What the media alone leave, along a direction.
   Lit shares(const dvec3& p, const dvec3& towards, double distance) const;
 
  private:

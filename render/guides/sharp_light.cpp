@@ -126,7 +126,7 @@ Lit lamp_onto(const KnownLight& lamp, const LitSurfaces& surfaces, const dvec3& 
   bool any = !wide || whole_ball;
   for (int i = 0; i < kRimPoints && !any; ++i) any = shines(at_rim(lamp, p, i));
   if (!any) return {};
-  const std::optional<dvec3> alike = wide ? left_alike(lamp, *surfaces.surfaces, p) : std::nullopt;
+  const std::optional<dvec3> alike = wide ? left_alike(lamp, surfaces, p) : std::nullopt;
   if (alike == dvec3(0)) return {};
   Lit sum;
   if (alike && whole_ball) {
@@ -138,7 +138,7 @@ Lit lamp_onto(const KnownLight& lamp, const LitSurfaces& surfaces, const dvec3& 
   for (int i = 0; i < across * across; ++i) {
     const LightSample s = base_of(lamp).sample(p, (dvec2(i % across, i / across) + 0.5) / static_cast<double>(across));
     if (!shines(s)) continue;
-    const dvec3 open = alike ? *alike : surfaces.surfaces->passage({p, s.wi}, std::min(s.distance, kFar)).light;
+    const dvec3 open = alike ? *alike : surfaces.open({p, s.wi}, std::min(s.distance, kFar), base_of(lamp));
     if (open == dvec3(0)) continue;
     sum.add(glm::dot(s.wi, normal) / (kPi * s.pdf * across * across) * s.radiance * open,
             surfaces.shares(p, s.wi, s.distance));

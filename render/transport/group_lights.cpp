@@ -2,6 +2,7 @@
 
 #include <algorithm>
 #include <array>
+#include <numeric>
 
 #include "image/light_layers.h"
 #include "render/transport/estimator.h"
@@ -40,11 +41,20 @@ GroupLights::GroupLights(const PathContext& context, PathStates& paths, WorldPat
       flights_(flights),
       surfaces_(surfaces),
       balls_(balls),
-      lights_(w_.groups),
+      lights_(c_.lights->choice().lights()),
+      first_(w_.groups + 1),
       apart_(kPool * w_.groups),
       sampled_(kPool),
+      knows_shares_(kPool),
+      shares_(kPool * lights_.size()),
       generators_(kPool) {
-  for (const Light* light : c_.lights->choice().lights()) lights_[light->group].push_back(light);
+  std::stable_sort(lights_.begin(), lights_.end(), [](const Light* a, const Light* b) { return a->group < b->group; });
+  for (const Light* light : lights_) ++first_[light->group + 1];
+  std::partial_sum(first_.begin(), first_.end(), first_.begin());
+}
+
+std::span<const Light* const> GroupLights::lights_of(size_t group) const {
+  return std::span(lights_).subspan(first_[group], first_[group + 1] - first_[group]);
 }
 
 void GroupLights::start(size_t slot) {
@@ -56,6 +66,7 @@ void GroupLights::sample(std::span<const PathRequest> requests, const SlotList& 
     to.clear();
     for (const size_t i : from) {
       sampled_[i] = p_.events[i] < kVertices;
+      knows_shares_[i] = false;
       if (!sampled_[i]) continue;
       to.push(i);
       PathGenerator rng(p_, i);
@@ -66,17 +77,13 @@ void GroupLights::sample(std::span<const PathRequest> requests, const SlotList& 
   };
   prepare(hits, hits_);
   prepare(met, met_);
-  for (size_t group = 0; group < lights_.size(); ++group) {
-    if (lights_[group].empty()) continue;
+  for (size_t group = 0; group < w_.groups; ++group) {
+    if (lights_of(group).empty()) continue;
     shadows_.clear();
     for (const size_t i : hits_)
       if (aim_from_medium(i, group)) shadows_.push(i);
     for (const size_t i : met_)
-      if (surfaces_->aim(i, [&](const dvec3& p) {
-            PathGenerator rng(p_, i);
-            return sample_of(group, p, true, rng);
-          }))
-        shadows_.push(i);
+      if (surfaces_->aim(i, [&](const dvec3& p) { return sample_of(group, i, p, true); })) shadows_.push(i);
     if (surfaces_) surfaces_->shadow(shadows_);
     flights_.shadow(shadows_);
     for (const size_t i : shadows_) {
@@ -108,22 +115,25 @@ void GroupLights::found(size_t slot, const Light& light, const dvec3& p, bool fi
 
 /// That the picture chooses one of its lights.
 double GroupLights::probability_of_group(size_t group, const dvec3& p, bool fields) const {
-  double sum = 0;
-  for (const Light* light : lights_[group]) sum += c_.lights->choice(fields).probability(*light, p);
-  return sum;
+  const std::span<const Light* const> lights = lights_of(group);
+  std::array<double, kMostLights> shares;
+  c_.lights->choice(fields).probabilities(lights, p, shares.data());
+  return std::accumulate(shares.begin(), shares.begin() + static_cast<std::ptrdiff_t>(lights.size()), 0.0);
 }
 
 /// One of the group's lights, as likely among them as the picture chooses it. Those that paths find elsewhere than in
 /// found() keep the picture's weights: the radiance is times the probability of the group, so that the sample can be
 /// taken for the picture's.
-LightSample GroupLights::sample_of(size_t group, const dvec3& p, bool fields, PathGenerator& rng) const {
+LightSample GroupLights::sample_of(size_t group, size_t slot, const dvec3& p, bool fields) {
+  PathGenerator rng(p_, slot);
   const double choice = rng.uniform();
   const dvec2 u = rng.pair();
-  const LightChoice& all = c_.lights->choice(fields);
-  const std::vector<const Light*>& lights = lights_[group];
-  std::array<double, kMostLights> shares;
-  double sum = 0;
-  for (size_t k = 0; k < lights.size(); ++k) sum += shares[k] = all.probability(*lights[k], p);
+  double* const of_slot = shares_.data() + slot * lights_.size();
+  if (!knows_shares_[slot]) c_.lights->choice(fields).probabilities(lights_, p, of_slot);
+  knows_shares_[slot] = true;
+  const std::span<const Light* const> lights = lights_of(group);
+  const double* const shares = of_slot + first_[group];
+  const double sum = std::accumulate(shares, shares + lights.size(), 0.0);
   double left = choice * sum;
   size_t k = 0;
   while (k + 1 < lights.size() && left >= shares[k]) left -= shares[k++];
@@ -144,8 +154,7 @@ bool GroupLights::aim_from_medium(size_t i, size_t group) {
   const auto number = grid ? size_t{0} : static_cast<size_t>(w_.medium[i]);
   const Medium& medium = c_.media[number];
   const dvec3 p = grid ? medium.to_world(dvec3(p_.flight.o[i])) : w_.ray[i].at(w_.end[i]);
-  PathGenerator rng(p_, i);
-  const LightSample light = sample_of(group, p, c_.plan.samples_fields(number), rng);
+  const LightSample light = sample_of(group, i, p, c_.plan.samples_fields(number));
   if (!(light.pdf > 0) || c_.lights->blocked({p, light.wi}, light.distance, light.light)) return false;
   const double phase = medium.phase().value(glm::dot(glm::normalize(dvec3(p_.d[i])), light.wi));
   const bool aims = c_.plan.aims_at_fire && c_.plan.samples_fields(number);

@@ -41,8 +41,9 @@ class GroupLights {
   const GroupLight& apart(size_t slot, size_t group) const { return apart_[slot * w_.groups + group]; }
 
  private:
+  std::span<const Light* const> lights_of(size_t group) const;
   double probability_of_group(size_t group, const dvec3& p, bool fields) const;
-  LightSample sample_of(size_t group, const dvec3& p, bool fields, PathGenerator& rng) const;
+  LightSample sample_of(size_t group, size_t slot, const dvec3& p, bool fields);
   bool aim_from_medium(size_t slot, size_t group);
 
   const PathContext& c_;
@@ -51,10 +52,13 @@ class GroupLights {
   MediaFlights& flights_;
   SurfaceEvents* surfaces_;
   const BallSamples* balls_;
-  std::vector<std::vector<const Light*>> lights_;  // that are sampled, by group
-  std::vector<GroupLight> apart_;                  // by slot and group
-  std::vector<bool> sampled_;                      // slots, at their vertex
-  std::vector<PathGenerator::State> generators_;   // of the slots
+  std::vector<const Light*> lights_;              // that are sampled, by group
+  std::vector<size_t> first_;                     // of each group's lights; behind them their number
+  std::vector<GroupLight> apart_;                 // by slot and group
+  std::vector<bool> sampled_;                     // slots, at their vertex
+  std::vector<bool> knows_shares_;                // likewise: whether shares_ are those of the vertex
+  std::vector<double> shares_;                    // of the picture's choice, by slot and light
+  std::vector<PathGenerator::State> generators_;  // of the slots
   SlotList hits_, met_, shadows_;
 };
 

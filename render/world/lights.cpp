@@ -89,11 +89,23 @@ LightSample LightChoice::sample(const dvec3& p, double choice, const dvec2& u) c
 }
 
 double LightChoice::probability(const Light& light, const dvec3& p) const {
+  double probability = 0;
+  const Light* const one = &light;
+  probabilities({&one, 1}, p, &probability);
+  return probability;
+}
+
+void LightChoice::probabilities(std::span<const Light* const> lights, const dvec3& p, double* out) const {
+  const LightTree::Cut* const many = same_everywhere_ || tree_.empty() ? nullptr : &tree_.cut(p);
+  const double total = same_everywhere_ ? 0 : single_total(p) + (many ? many->importance : 0);
+  for (size_t i = 0; i < lights.size(); ++i) out[i] = share_of(*lights[i], p, many, total);
+}
+
+/// @param total  of the importance of all lights from p; not asked for where the choice is the same everywhere
+double LightChoice::share_of(const Light& light, const dvec3& p, const LightTree::Cut* many, double total) const {
   const auto found = number_.find(&light);
   if (found == number_.end()) return 0;
   if (same_everywhere_) return share_[found->second];
-  const LightTree::Cut* const many = tree_.empty() ? nullptr : &tree_.cut(p);
-  const double total = single_total(p) + (many ? many->importance : 0);
   if (!(total > 0)) return 0;
   const auto in_tree = number_in_tree_.find(&light);
   if (in_tree == number_in_tree_.end()) return importance_of(light, p) / total;

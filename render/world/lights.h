@@ -29,6 +29,8 @@ class LightChoice {
   LightSample sample(const dvec3& p, double choice, const dvec2& u) const;
   /// Probability that sample() picks the light from p; 0 for one that is never picked.
   double probability(const Light& light, const dvec3& p) const;
+  /// That of each of some lights. @param out  room for as many
+  void probabilities(std::span<const Light* const> lights, const dvec3& p, double* out) const;
   /// Sum of the importance of all of them.
   double importance(const dvec3& p) const;
   /// Samples fields from nearer by, where there is no other light, which their samples would take away.
@@ -37,6 +39,7 @@ class LightChoice {
  private:
   double importance_of(const Light& light, const dvec3& p) const;
   double single_total(const dvec3& p) const;
+  double share_of(const Light& light, const dvec3& p, const LightTree::Cut* many, double total) const;
 
   std::vector<const Light*> lights_;
   std::vector<const Light*> single_;  // weighed one by one: all, but for those of the tree

@@ -124,6 +124,31 @@ TEST(SurfaceLight, OfAFloorUnderAnEvenSkyIsTheSky) {
   }
 }
 
+// A ball of light between a floor and the sun: what the sun sends onto the floor is missing below it, as it is for
+// paths.
+TEST(SurfaceLight, OfASunIsMissingInTheShadowOfALamp) {
+  Scene scene = haze(0.3, 1e-4, 0.5);
+  scene.surfaces.push_back(floor_of(20, -0.35, 0.5));
+  scene.lights.resize(2);
+  scene.lights[0].type = "sun";
+  scene.lights[0].direction = {0, 0, 1};
+  scene.lights[0].irradiance = dvec3(2);
+  scene.lights[1].type = "sphere";
+  scene.lights[1].position = {3, 1, 1};
+  scene.lights[1].radius = 0.4;
+  scene.lights[1].radiance = dvec3(1e-6);
+  for (const bool solid : {true, false}) {
+    scene.lights[1].solid = solid;
+    const Solved solved(scene);
+    const auto on_floor = [&](double x, double y) {
+      return solved.irradiance(dvec3(x, y, -0.35 + 1e-6) - solved.scene.world_shift(), {0, 0, 1});
+    };
+    EXPECT_NEAR(on_floor(3, 1), solid ? 0 : 2, 0.01);
+    EXPECT_NEAR(on_floor(3.3, 1.2), solid ? 0 : 2, 0.01);
+    EXPECT_NEAR(on_floor(3.5, 1), 2, 0.01);
+  }
+}
+
 // Of each side there are points for the whole area, and between them what is linear is found exactly.
 TEST(SurfacePoints, CoverASurfaceAndInterpolateLinearly) {
   Scene scene = haze(0.3, 1e-4, 0.5);
