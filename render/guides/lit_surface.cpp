@@ -77,16 +77,14 @@ ShadedPoint::ShadedPoint(const Surfaces& surfaces, const Ray& ray, const Surface
 }
 
 dvec3 LitSurfaces::open(const Ray& shadow, double distance, const Light& from) const {
-  const bool hidden = std::any_of(groups.begin(), groups.end(), [&](const std::unique_ptr<GuideLight>& group) {
+  for (const std::unique_ptr<GuideLight>& group : groups) {
     const SharpLight* const sharp = group->sharp();
-    const Light* const light = sharp ? &base_of(sharp->light()) : &from;
-    if (light == &from) return false;
-    const auto* const lamp = dynamic_cast<const FiniteLight*>(light);
-    if (!lamp || !lamp->solid()) return false;
+    const FiniteLight* const lamp = sharp ? sharp->body() : nullptr;
+    if (!lamp || lamp == &from) continue;
     const double t = lamp->intersect(shadow);
-    return t > 0 && t < distance;
-  });
-  return hidden ? dvec3(0) : surfaces->passage(shadow, distance).light;
+    if (t > 0 && t < distance) return dvec3(0);
+  }
+  return surfaces->passage(shadow, distance).light;
 }
 
 // What surfaces leave of a light at a point: its middle if it is small, else the mean over it.
