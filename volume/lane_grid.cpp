@@ -103,6 +103,13 @@ void mark_empty(LaneGrid& grid, const std::vector<uint8_t>& empty, const Task& t
   });
 }
 
+/// Of all bricks, one after the other; null without any.
+const float* values_of(const BrickGrid& grid) {
+  BrickGrid::Cell first;
+  first.brick = 1;
+  return grid.brick_count() > 0 ? grid.brick(first) : nullptr;
+}
+
 }  // namespace
 
 bool LaneGrid::fits(const BrickGrid& grid) {
@@ -123,13 +130,13 @@ LaneGrid::LaneGrid(const BrickGrid& grid, double scale, const Task& task)
   const size_t count = static_cast<size_t>(nx) * ny * nz;
   majorant.resize(count);
   brick.assign(count, -1);
+  values = values_of(grid);
   std::vector<uint8_t> empty(count, 1);
   for (int x = 0; x < nx; ++x)
     for (int y = 0; y < ny; ++y)
       for (int z = 0; z < nz; ++z) {
         const BrickGrid::Cell& cell = grid.cell({x, y, z});
         if (cell.brick == 0 || !(cell.majorant > 0)) continue;
-        if (!values) values = grid.brick(cell) - (cell.brick - 1) * grid.brick_values();
         const size_t i = at(x, y, z);
         majorant[i] = static_cast<float>(cell.majorant * scale);
         brick[i] = static_cast<int32_t>((cell.brick - 1) * grid.brick_values());
@@ -148,15 +155,15 @@ LaneGrid LaneGrid::halved(const BrickGrid& grid, double scale, const Task& task)
   result.majorant.resize(count);
   result.brick.assign(count, -1);
   std::vector<uint8_t> empty(count, 1);
+  result.values = values_of(grid);
   const int side = result.cell_size, row = grid.stored();
-  for (int x = 0; x < n.x; ++x)
+  parallel_for(n.x, quiet(task), [&](int x) {
     for (int y = 0; y < n.y; ++y)
       for (int z = 0; z < n.z; ++z) {
         const BrickGrid::Cell& cell = grid.cell({x / 2, y / 2, z / 2});
         if (cell.brick == 0 || !(cell.majorant > 0)) continue;
         const float* const brick = grid.brick(cell);
         const size_t number = (cell.brick - 1) * grid.brick_values();
-        if (!result.values) result.values = brick - number;
         const int within = ((x % 2) * row + y % 2) * side * row + z % 2 * side;
         float largest = 0;
         for (int i = 0; i <= side; ++i)
@@ -168,6 +175,7 @@ LaneGrid LaneGrid::halved(const BrickGrid& grid, double scale, const Task& task)
         result.brick[i] = static_cast<int32_t>(number) + within;
         empty[i] = 0;
       }
+  });
   mark_empty(result, empty, task);
   return result;
 }
@@ -178,6 +186,7 @@ LaneGrid LaneGrid::of_values(const BrickGrid& grid) {
   const ivec3 n = grid.cells();
   result.nx = n.x, result.ny = n.y, result.nz = n.z;
   result.cell_size = grid.cell_size();
+  result.values = values_of(grid);
   for (int x = 0; x < n.x; ++x)
     for (int y = 0; y < n.y; ++y)
       for (int z = 0; z < n.z; ++z) {
@@ -187,7 +196,6 @@ LaneGrid LaneGrid::of_values(const BrickGrid& grid) {
           continue;
         }
         const size_t offset = (cell.brick - 1) * grid.brick_values();
-        if (!result.values) result.values = grid.brick(cell) - offset;
         result.brick.push_back(static_cast<int32_t>(offset));
       }
   return result;

@@ -162,6 +162,7 @@ py::object render(const py::object& scene, const py::object& spp, const py::obje
   if (!time.is_none()) options.time_limit = to_positive("time", time);
   if (!target_error.is_none()) options.target_error = to_positive("target_error", target_error);
   if (!part.is_none()) options.part = to_part(part);
+  if (!frames.is_none()) parse_frames(to_text(frames));  // below, an empty text would stand for none
   const std::vector<int> numbers = frames_to_make(argument.file().value_or(""), to_optional_path(output),
                                                   frames.is_none() ? "" : to_text(frames), {"output", "frames"});
   set_files(options, output, png, records, checkpoint, checkpoint_every, resume, deep, numbers);

@@ -41,6 +41,7 @@ GuideMarch::GuideMarch(const PathContext& context, const std::vector<GuideMedia>
       sketch_(sketch),
       rays_(context, camera, media[0], media.size() > 1, sketch),
       surfaces_{fields.lights(),
+                *context.lights,
                 fields.scaled_extinction(),
                 fields.sky_parts(),
                 context.surfaces,

@@ -268,14 +268,14 @@ LightFields::LightFields(const std::vector<GuideMedia>& times, const Lights& lig
     lights_.push_back(std::move(light));
     task.check();
   }
-  if (surfaces) add_surface_light(solving, coarse);
+  if (surfaces) add_surface_light(lights, solving, coarse);
   node_tints_ = {};
 }
 
-void LightFields::add_surface_light(LightSolve& solving, ScatteringSolver& coarse) {
+void LightFields::add_surface_light(const Lights& lights, LightSolve& solving, ScatteringSolver& coarse) {
   SurfaceLight& light = *surface_light_;
   light.gather(*ambient_light_, sky_parts_, sky_group_, solving.task);
-  light.exchange({lights_, scale_, sky_parts_, solving.surfaces, &*ambient_light_, &light}, *ambient_light_,
+  light.exchange({lights_, lights, scale_, sky_parts_, solving.surfaces, &*ambient_light_, &light}, *ambient_light_,
                  solving.task);
   if (light.colour() != dvec3(0)) {
     light.answer(scattered_by_media(light, coarse), solving.task);

@@ -57,7 +57,7 @@ class LightFields {
   void add_to_ambient(const GuideLight& light, const Source& fine_orders, const ScatteringSolver& fine,
                       const ScatteringSolver& coarse);
   /// The ambient light, and one more group: what surfaces send into the media of all that lights them.
-  void add_surface_light(LightSolve& solving, ScatteringSolver& coarse);
+  void add_surface_light(const Lights& lights, LightSolve& solving, ScatteringSolver& coarse);
   /// What the media scatter, any number of times, of light that surfaces send into them.
   AmbientLight scattered_by_media(const SurfaceLight& light, ScatteringSolver& coarse) const;
 

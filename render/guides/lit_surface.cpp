@@ -77,14 +77,7 @@ ShadedPoint::ShadedPoint(const Surfaces& surfaces, const Ray& ray, const Surface
 }
 
 dvec3 LitSurfaces::open(const Ray& shadow, double distance, const Light& from) const {
-  for (const std::unique_ptr<GuideLight>& group : groups) {
-    const SharpLight* const sharp = group->sharp();
-    const FiniteLight* const lamp = sharp ? sharp->body() : nullptr;
-    if (!lamp || lamp == &from) continue;
-    const double t = lamp->intersect(shadow);
-    if (t > 0 && t < distance) return dvec3(0);
-  }
-  return surfaces->passage(shadow, distance).light;
+  return lights.blocked(shadow, distance, &from) ? dvec3(0) : surfaces->passage(shadow, distance).light;
 }
 
 // What surfaces leave of a light at a point: its middle if it is small, else the mean over it.

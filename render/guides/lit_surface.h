@@ -37,7 +37,8 @@ struct ShadedPoint {
 /// What lights surfaces in a scene of media, so far as it is solved, and what they reflect of it.
 struct LitSurfaces {
   const std::vector<std::unique_ptr<GuideLight>>& groups;
-  double scale;  ///< what the forward peak leaves of the extinction
+  const Lights& lights;  ///< all of the scene: solid ones throw shadows
+  double scale;          ///< what the forward peak leaves of the extinction
   const SkyParts& sky;
   const Surfaces* surfaces;
   const AmbientLight* ambient_light;
@@ -61,7 +62,7 @@ struct LitSurfaces {
   /// Shares of a light that arrive at a point through the media and past surfaces; indirect: scattered by forward peaks
   /// alone.
   Lit transmitted(const KnownLight& source, const ArrivingLight& light, const dvec3& p) const;
-  /// What surfaces and other lamps leave of a light: those that have guides of their own.
+  /// What surfaces and the bodies of other lamps leave of a light.
   /// @param from  the light
   dvec3 open(const Ray& shadow, double distance, const Light& from) const;
   /// What the media alone leave, along a direction.

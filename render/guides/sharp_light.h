@@ -67,11 +67,6 @@ class SharpLight : public GuideLight {
   /// Optical depth towards a lamp at the same nodes; null for a sun.
   virtual const float* depth_at_nodes() const { return nullptr; }
   const KnownLight& light() const { return light_; }
-  /// On which rays end, so that it throws shadows; null for lights without one.
-  const FiniteLight* body() const {
-    const auto* const lamp = std::get_if<const FiniteLight*>(&light_);
-    return lamp && (*lamp)->solid() ? *lamp : nullptr;
-  }
 
  protected:
   const KnownLight light_;

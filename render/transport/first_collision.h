@@ -9,7 +9,7 @@ namespace brume {
 /// How camera rays find their first collision: see lanes_fly_first.
 struct FirstCollision {
   bool forced = false;
-  PathCounts paths;     ///< that go on from camera rays where something emits, with a first event each: CameraSplits
+  PathCounts paths;     ///< that go on from camera rays in scenes that emit, with a first event each: CameraSplits
   double majorant = 1;  ///< factor on the majorants of forced flights
 };
 

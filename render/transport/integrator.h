@@ -51,9 +51,10 @@ struct PathContext {
   std::span<const EmissionField> emissions;
   const Lights* lights = nullptr;
   const Surfaces* surfaces = nullptr;
-  std::span<const LaneGrid> lane_grids;                ///< of the media that single precision resolves
-  std::span<const LaneGrid> emission_grids;            ///< of the emissions that are still grids, likewise
-  std::span<const DisplacedLaneGrid> displaced_grids;  ///< of the media that are displaced, likewise
+  std::span<const LaneGrid> lane_grids;      ///< of the media that single precision resolves
+  std::span<const LaneGrid> emission_grids;  ///< of the emissions that are still grids, likewise
+  std::span<const DisplacedLaneGrid>
+      displaced_grids;  ///< of the media that are displaced or cross small cells, likewise
   Plan plan;
   int max_events = 100000, roulette_start = 16;
   double indirect_limit = 0;      ///< see limit_indirect; 0: none

@@ -28,7 +28,7 @@ constexpr double kNearlyBest = 1.03;
 /// At the points of a grid over the picture.
 struct Pilot {
   int columns = 0, rows = 0;
-  std::vector<dvec3> mean, spread;    // of a pixel; of what follows from its camera rays: mean absolute difference
+  std::vector<dvec3> mean, spread;    // of a pixel; mean absolute difference of what follows from its rays, over that
   std::vector<double> seen_variance;  // of what camera rays see, relative to the mean
   std::vector<double> ray_cost, path_cost;
 
@@ -77,7 +77,7 @@ Pilot fly_pilot(const PathContext& context, const Scene& scene, const Camera& ca
   const double floor = 0.01 / (scene.film.exposure * scene.film.exposure);
   const auto columns = static_cast<size_t>(p.columns);
   std::vector<dvec3> seen_squared(count);
-  parallel_for(p.rows, task, [&](int row) {
+  parallel_for(p.rows, quiet(task), [&](int row) {
     std::vector<PathRequest> requests = coarse_requests(scene, context.plan, camera, p.columns, p.rows, row, kSamples);
     std::vector<uint32_t> events(requests.size());
     for (size_t i = 0; i < requests.size(); ++i) requests[i].events = &events[i];
@@ -116,9 +116,12 @@ Pilot fly_pilot(const PathContext& context, const Scene& scene, const Camera& ca
   return p;
 }
 
-/// What is recorded beside light takes no part.
-PathContext without_layers(PathContext context) {
+/// What is recorded beside light takes no part, nor do endless paths.
+PathContext for_pilot(PathContext context) {
+  constexpr int kMostEvents = 1000;
+  context.max_events = std::min(context.max_events, kMostEvents);
   Plan& plan = context.plan;
+  plan.layers.names.clear();
   plan.isosurface = plan.flash = plan.first_event = plan.first_surface = plan.first_scatter_gradient = false;
   plan.weighted_gradient = plan.optical_depth = false;
   plan.first_collision.paths = PathCounts();
@@ -136,7 +139,7 @@ double path_variance(const dvec3& spread) {
 }  // namespace
 
 PathCounts choose_path_counts(const PathContext& context, const Scene& scene, const Camera& camera, const Task& task) {
-  const Pilot pilot = fly_pilot(without_layers(context), scene, camera, task);
+  const Pilot pilot = fly_pilot(for_pilot(context), scene, camera, task);
   std::vector<double> variance(pilot.size()), wanted(pilot.size());
   for (size_t k = 0; k < pilot.size(); ++k) {
     variance[k] = path_variance(pilot.spread[k]);
@@ -164,6 +167,7 @@ PathCounts choose_path_counts(const PathContext& context, const Scene& scene, co
   }
   const double bound = kNearlyBest * *std::min_element(products.begin(), products.end());
   const auto chosen = std::find_if(products.begin(), products.end(), [&](double p) { return p <= bound; });
+  if (chosen == products.end()) return PathCounts(1);  // none is finite
   const double scale = scales[static_cast<size_t>(chosen - products.begin())];
 
   PathCounts result;
@@ -178,7 +182,8 @@ PathCounts choose_path_counts(const PathContext& context, const Scene& scene, co
     sum += n;
   }
   result.mean_ = sum / static_cast<double>(pilot.size());
-  return result;
+  // A limit bounds the mean of a ray's paths, so that it must be of as many everywhere to darken all parts alike.
+  return context.indirect_limit > 0 ? PathCounts(static_cast<int>(std::lround(result.mean_))) : result;
 }
 
 }  // namespace brume

@@ -226,7 +226,7 @@ class SceneMedia::Loader {
     for (int a = 0; a < 3; ++a) field.world_from_index[a][a] = v_.placement.voxel_size[a];
   }
   void count(const std::string& name, size_t bytes) {
-    if (fresh_) into_.parts_.push_back({file_ + ": " + name, bytes});
+    if (fresh_ && bytes > 0) into_.parts_.push_back({file_ + ": " + name, bytes});
   }
 
   /// The first volume's middle becomes the world's origin.

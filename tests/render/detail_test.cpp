@@ -118,6 +118,29 @@ TEST(DetailAgainstTheDefinition, InInstances) {
   expect_agreement(s, "instances");
 }
 
+/// So dense that its flights cross cells of half the size.
+Scene in_small_cells(const Lit& lit) {
+  Scene s = lit.scene;
+  s.volumes[0].sigma_t = dvec3(4);
+  return s;
+}
+
+TEST(DetailAgainstTheDefinition, InSmallCells) {
+  const Lit lit;
+  Scene s = in_small_cells(lit);
+  ASSERT_NE(PreparedScene(s, {}).context().displaced_grids[0].density.values, nullptr);
+  ASSERT_EQ(PreparedScene(lit.scene, {}).context().displaced_grids[0].density.values, nullptr);
+  expect_agreement(s, "one grid");
+  s.render.lookup = "interpolated";
+  LightSettings lamp;
+  lamp.type = "sphere", lamp.position = dvec3(2, -4, 24), lamp.radius = 2, lamp.radiance = dvec3(20);
+  s.lights.push_back(lamp);
+  expect_agreement(s, "interpolated, with a lamp");
+  s = in_small_cells(lit);
+  s.volumes[0].sigma_t = dvec3(4, 3, 2.5);
+  expect_agreement(s, "chromatic");
+}
+
 // Cells of noise are 5 voxels of the finer lattice wide or more, which is linear between voxels: it misses up to 2 % of
 // the density there. Seen from near, where a pixel is a quarter of a voxel.
 TEST(DetailInScenes, LooksAsAVolumeThatHoldsItInVoxels) {
@@ -201,7 +224,7 @@ TEST(DetailInScenes, HasTheSameBitsWhateverTheLanes) {
   Scene blurred = carried.scene;
   blurred.camera.shutter = dvec2(0, 0.5);
   const Lit lit;
-  for (const Scene& scene : {lit.scene, carried.scene, blurred}) {
+  for (const Scene& scene : {lit.scene, in_small_cells(lit), carried.scene, blurred}) {
     const PreparedScene prepared(scene, LayerRequest::of({"direct", "indirect", "optical_depth", "guides"}, true));
     const Layers best = prepared.render(4, 1, {}).layers;
     test::expect_same_bits(best, prepared.render(4, 1, {1, {}, nullptr}).layers, "one thread");

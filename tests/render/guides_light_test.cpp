@@ -37,8 +37,8 @@ struct Solved {
     return media;
   }
   LitSurfaces lit() const {
-    return {fields.lights(),          fields.scaled_extinction(), fields.sky_parts(),
-            scene.context().surfaces, fields.ambient_light(),     fields.surface_light()};
+    return {fields.lights(),          *scene.context().lights, fields.scaled_extinction(), fields.sky_parts(),
+            scene.context().surfaces, fields.ambient_light(),  fields.surface_light()};
   }
   /// Irradiance of everything at a point in front of a surface, grey.
   double irradiance(const dvec3& p, const dvec3& normal) const {
@@ -125,7 +125,7 @@ TEST(SurfaceLight, OfAFloorUnderAnEvenSkyIsTheSky) {
 }
 
 // A ball of light between a floor and the sun: what the sun sends onto the floor is missing below it, as it is for
-// paths.
+// paths, also where the ball is dark.
 TEST(SurfaceLight, OfASunIsMissingInTheShadowOfALamp) {
   Scene scene = haze(0.3, 1e-4, 0.5);
   scene.surfaces.push_back(floor_of(20, -0.35, 0.5));
@@ -136,9 +136,9 @@ TEST(SurfaceLight, OfASunIsMissingInTheShadowOfALamp) {
   scene.lights[1].type = "sphere";
   scene.lights[1].position = {3, 1, 1};
   scene.lights[1].radius = 0.4;
-  scene.lights[1].radiance = dvec3(1e-6);
-  for (const bool solid : {true, false}) {
+  for (const auto& [solid, radiance] : {std::pair(true, 1e-6), std::pair(true, 0.0), std::pair(false, 1e-6)}) {
     scene.lights[1].solid = solid;
+    scene.lights[1].radiance = dvec3(radiance);
     const Solved solved(scene);
     const auto on_floor = [&](double x, double y) {
       return solved.irradiance(dvec3(x, y, -0.35 + 1e-6) - solved.scene.world_shift(), {0, 0, 1});

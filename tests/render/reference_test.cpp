@@ -4,7 +4,7 @@
 // numbers of paths per pixel.
 //
 // A mean over 32 x 24 pixels of 160 paths, or over 8 x 8 of them, that is off by 5.5 standard errors is found: biases
-// of a picture's light from 1.2 to 2 % in nine of the scenes, of 3 % and 6 % in the others.
+// of a picture's light from 1.2 to 2 % in ten of the scenes, of 3 % to 6 % in the others.
 
 #include <gtest/gtest.h>
 
