@@ -49,8 +49,7 @@ std::vector<int> parse_frames(std::string_view text);
 std::vector<int> frames_or_all_of(const std::filesystem::path& name, std::string_view text = {});
 
 /// The frames to make of `source` into `output`: those of `text`; where it is empty and `output` names a sequence those
-/// that there are of `source`. A single # in `output` is the name's. Empty for one frame, whose number is not asked
-/// for.
+/// that there are of `source`. A single # in `output` is the name's. Empty where `output` is the file of one frame.
 /// @param what  what `output` and `text` are called: "-o", "--frames"
 /// @throws InputError where `output` names a sequence and nothing says of which frames; as parse_frames
 std::vector<int> frames_to_make(const std::filesystem::path& source, const std::filesystem::path& output,

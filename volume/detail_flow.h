@@ -12,9 +12,9 @@ class BrickGrid;
 struct Displacement;
 
 /// The velocity that carries detail, coarse and small: noise that follows it needs to know it only roughly, but at
-/// every look-up. On a lattice of its own over the density, its points two voxels apart, or as many times farther as
-/// keeps it within a twentieth of the density's memory; linear between them. A point is one word of 32 bits, so that a
-/// look-up reads eight words instead of twenty-four numbers of three grids.
+/// every look-up. On a lattice of its own over the density, its points two voxels apart, or up to eight where two would
+/// take more than a twentieth of the density's memory, and more than 4 MB; linear between them. A point is one word of
+/// 32 bits, so that a look-up reads eight words instead of twenty-four numbers of three grids.
 struct DetailFlow {
   static constexpr int kBits = 10;                                                 ///< of a component; x lowest
   static constexpr uint32_t kMask = (1u << kBits) - 1, kRest = 1u << (kBits - 1);  ///< kRest: a component of 0
