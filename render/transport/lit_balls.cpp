@@ -95,7 +95,7 @@ std::vector<LitBall> choose_lit_balls(std::span<const Medium> media, const Light
       from_all += importance_of_all(lights, p) / kDirections;
     }
     const LitBall ball{light, centre, radius, mean.x, mean.y * radius * from_lamp * radius * radius};
-    if (ball.importance(centre + dvec3(radius, 0, 0)) > kLeastShare * from_all) balls.push_back(ball);
+    if (ball.importance(radius) > kLeastShare * from_all) balls.push_back(ball);
   }
   return balls;
 }
@@ -107,7 +107,13 @@ BallSamples::BallSamples(const PathContext& context, PathStates& paths, WorldPat
 
 BallSamples::Chances BallSamples::chances(const dvec3& vertex) const {
   Chances of;
-  for (const LitBall& ball : c_.plan.lit_balls) of.total += ball.importance(vertex);
+  bool inside = false;  // where their light is seldom the most, but has the most noise
+  for (const LitBall& ball : c_.plan.lit_balls) {
+    const double h = ball.distance(vertex);
+    of.total += ball.importance(h);
+    inside = inside || h < ball.radius;
+  }
+  if (inside) return of;
   const double all = importance_of_all(*c_.lights, vertex);
   if (of.total < all) of.any = of.total / all;
   return of;
@@ -129,10 +135,9 @@ double BallSamples::share_of_flights(size_t i, const Light* light, const dvec3& 
   for (const LitBall& ball : c_.plan.lit_balls) {
     if (ball.light != light) continue;
     const dvec3 from_lamp = p - ball.centre, back = p - came_[i].from;
-    const double density = ball.density(glm::dot(from_lamp, from_lamp));
+    const double h = ball.distance(came_[i].from), density = ball.density(h, glm::length(from_lamp));
     if (!(density > 0)) return 1;
-    return balance(came_[i].pdf,
-                   chances(came_[i].from).of(ball, came_[i].from) * density * glm::dot(back, back) / ball.sigma_t);
+    return balance(came_[i].pdf, chances(came_[i].from).of(ball, h) * density * glm::dot(back, back) / ball.sigma_t);
   }
   return 1;
 }
@@ -146,14 +151,15 @@ bool BallSamples::draw_point(size_t i, const dvec3& vertex, uint32_t events, Poi
   if (left >= chances.total) return false;
   size_t k = 0;
   for (; k + 1 < balls.size(); ++k) {
-    const double importance = balls[k].importance(vertex);
+    const double importance = balls[k].importance(balls[k].distance(vertex));
     if (left < importance) break;
     left -= importance;
   }
   point.ball = &balls[k];
-  point.chance = chances.of(balls[k], vertex);
+  const double h = balls[k].distance(vertex);
   const dvec2 u = numbers.pair();
-  const double r = balls[k].radius * numbers.uniform();
+  const double r = balls[k].sample(h, numbers.uniform());
+  point.density = chances.of(balls[k], h) * balls[k].density(h, r);
   point.p = balls[k].centre + r * direction(u);
   const dvec3 to = point.p - vertex;
   point.distance = glm::length(to);
@@ -175,7 +181,7 @@ void BallSamples::add(size_t i, const Scattering& scattering, const Point& point
         source +=
             m.coefficients().sigma_t * (density * m.phase().value(glm::dot(point.wi, lamp.wi))) * m.albedo(point.p);
     });
-  const double density = point.chance * ball.density(lamp.distance * lamp.distance);
+  const double density = point.density;
   const double rival = density * point.distance * point.distance / ball.sigma_t;
   const dvec3 L = scattering.value * source * lamp.radiance *
                   (balance(rival, scattering.pdf) / (density * point.distance * point.distance));

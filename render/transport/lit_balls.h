@@ -21,6 +21,10 @@ class MediaFlights;
 // happened to end at a lamp. So vertices aim at the smoke around a lamp, too, at a point of a ball whose density falls
 // as 1 / r^2 itself, and see it lit by the lamp.
 //
+// From a vertex at the distance h from the lamp, points at the distance r scatter 1 / h^2 of their light towards it where
+// r < h, and 1 / r^2 beyond: radii are drawn by 1 / (r + h)^2, evenly for vertices far away. Without that light scattered
+// twice beside the lamp, at x and y, has no bound.
+//
 // Both techniques reach the same pairs of a vertex x and a point y, so their shares are weighed by the balance
 // heuristic: points by their density p(y), flights by pdf(direction) sigma / |x - y|^2, where one number, the mean
 // extinction of the ball, stands for what the flight meets. Weights of any kind are unbiased where they sum to 1; with
@@ -36,13 +40,16 @@ struct LitBall {
   double sigma_t;  ///< mean along the radii [1/m]
   double power;    ///< of what is scattered in the ball, in the units of Light::importance times squared distance
 
-  /// Density of drawing a point of the ball at the squared distance r2 from the lamp [1/m^3].
-  double density(double r2) const { return r2 < radius * radius ? 1 / (4 * kPi * radius * r2) : 0.0; }
-  /// About what it brings to p.
-  double importance(const dvec3& p) const {
-    const dvec3 d = centre - p;
-    return power / (glm::dot(d, d) + radius * radius / 3);
+  /// The distance of a vertex from the lamp.
+  double distance(const dvec3& p) const { return std::max(glm::distance(centre, p), 1e-3 * radius); }
+  /// Draws how far a point is from the lamp, for a vertex at the distance h.
+  double sample(double h, double u) const { return h * radius * u / (h + radius * (1 - u)); }
+  /// Density of drawing a point of the ball at the distance r from the lamp [1/m^3].
+  double density(double h, double r) const {
+    return r < radius ? h * (h + radius) / (radius * (r + h) * (r + h)) / (4 * kPi * r * r) : 0.0;
   }
+  /// About what it brings to a vertex: as 1 / h^2 from far away, as 1 / h inside.
+  double importance(double h) const { return power / (h * (h + 0.4 * radius)); }
 };
 
 /// Balls around point and spot lights in the smoke of grids; none where there are very many lights.
@@ -86,7 +93,7 @@ class BallSamples {
   struct Point {
     const LitBall* ball;
     dvec3 p, wi;
-    double distance, chance;  // from the vertex; of drawing one of this ball there
+    double distance, density;  // from the vertex; of drawing it there
   };
   struct Leg {
     Ray ray;
@@ -97,7 +104,7 @@ class BallSamples {
   /// How likely a vertex draws a point at all, and of which ball.
   struct Chances {
     double total = 0, any = 1;  // importance of all balls
-    double of(const LitBall& ball, const dvec3& vertex) const { return any * ball.importance(vertex) / total; }
+    double of(const LitBall& ball, double h) const { return any * ball.importance(h) / total; }
   };
   Chances chances(const dvec3& vertex) const;
   void pass(std::array<Leg, kPool>& legs, bool from_lamp);

@@ -63,6 +63,25 @@ TEST(LitBalls, EndWherePathsAreCut) {
   }
 }
 
+// The density of points, summed up to the distance that a number draws, is that number: for vertices close to the lamp,
+// on the ball's rim and far away.
+TEST(LitBalls, DrawPointsByTheirDensity) {
+  const LitBall ball{nullptr, dvec3(0), 0.7, 1, 1};
+  for (const double h : {0.01, 0.7, 50.0}) {
+    const double r = ball.sample(h, 0.6);
+    ASSERT_GT(r, 0);
+    ASSERT_LT(r, ball.radius);
+    constexpr int kSteps = 100000;
+    double sum = 0;
+    for (int k = 0; k < kSteps; ++k) {
+      const double at = (k + 0.5) / kSteps * r;
+      sum += ball.density(h, at) * 4 * kPi * at * at * r / kSteps;
+    }
+    EXPECT_NEAR(sum, 0.6, 1e-4) << h;
+  }
+  EXPECT_EQ(ball.density(1, 0.71), 0);
+}
+
 // Where there is smoke around a lamp, and only there.
 TEST(LitBalls, StandAroundLampsInGrids) {
   Scene s = lamps_in_cloud();
