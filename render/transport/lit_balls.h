@@ -21,9 +21,9 @@ class MediaFlights;
 // happened to end at a lamp. So vertices aim at the smoke around a lamp, too, at a point of a ball whose density falls
 // as 1 / r^2 itself, and see it lit by the lamp.
 //
-// From a vertex at the distance h from the lamp, points at the distance r scatter 1 / h^2 of their light towards it where
-// r < h, and 1 / r^2 beyond: radii are drawn by 1 / (r + h)^2, evenly for vertices far away. Without that light scattered
-// twice beside the lamp, at x and y, has no bound.
+// From a vertex at the distance h from the lamp, points at the distance r scatter 1 / h^2 of their light towards it
+// where r < h, and 1 / r^2 beyond: radii are drawn by 1 / (r + h)^2, evenly for vertices far away. Without that light
+// scattered twice beside the lamp, at x and y, has no bound.
 //
 // Both techniques reach the same pairs of a vertex x and a point y, so their shares are weighed by the balance
 // heuristic: points by their density p(y), flights by pdf(direction) sigma / |x - y|^2, where one number, the mean
