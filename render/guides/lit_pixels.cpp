@@ -57,14 +57,21 @@ LitPixels::Place LitPixels::unlit(const SurfaceHit& hit, const ShadedPoint& at) 
   return {hit.surface, at.inside, at.p, at.normal};
 }
 
-const LitPixels::Light& LitPixels::lit(Place& place, size_t part) const {
-  if (place.known.empty()) {
-    place.light = no_light();
-    place.known.assign(parts(), false);
-    place.wholes.assign(parts(), 0);
+void LitPixels::look_around(Place& place, const Place* like) const {
+  place.light = no_light();
+  place.known.assign(parts(), false);
+  place.wholes.assign(parts(), 0);
+  if (like) {
+    place.around = like->around;
+    place.light.of_light_groups = like->light.of_light_groups;
+  } else {
     place.around = march_.surfaces_.surface_light->onto(place.p, place.normal, place.light.of_light_groups);
-    place.light.scattered = place.around.scattered;
   }
+  place.light.scattered = place.around.scattered;
+}
+
+const LitPixels::Light& LitPixels::lit(Place& place, size_t part) const {
+  if (place.known.empty()) look_around(place, nullptr);
   if (place.known[part]) return place.light;
   place.known[part] = true;
   double& whole = place.wholes[part];
@@ -145,6 +152,8 @@ void LitPixels::add_mean_around(Place& own, const ivec2& pixel, int ray, int acr
     Place beside = 2 * i + 1 == kParts ? Place() : place_along(march_.rays_.part(pixel, ray, across, i));
     Place& there = 2 * i + 1 == kParts ? own : beside;
     if (there.surface != own.surface || there.inside != own.inside) continue;
+    // Light from all around hardly changes within a pixel; of several groups it is much to look up.
+    if (is_of_group(0) && there.known.empty()) look_around(there, &own);
     for (const size_t part : parts) add(lit(there, part), dvec3(1), part);
     ++count;
   }

@@ -57,6 +57,8 @@ class LitPixels {
   bool is_of_group(size_t part) const { return part + 1 < parts(); }
   Light no_light() const;
   static Place unlit(const SurfaceHit& hit, const ShadedPoint& at);
+  /// Prepares a place for its light to be found. @param like  has the same light from all around; or null
+  void look_around(Place& place, const Place* like) const;
   const Light& lit(Place& place, size_t part) const;
   double whole(Place& place, size_t part) const;
   /// Of all light there.
