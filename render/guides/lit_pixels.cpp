@@ -137,28 +137,26 @@ bool LitPixels::differs_over_lens(Place& own, const ivec2& pixel, int ray, int a
 }
 
 void LitPixels::add(const Light& other, const dvec3& weight, size_t part) {
-  if (is_of_group(part))
-    light_.of_light_groups[part] += weight * other.of_light_groups[part];
-  else
-    light_.scattered += weight * other.scattered;
   for (const size_t k : lights_of_part_[part]) light_.groups[k].add(weight, other.groups[k]);
+  if (is_of_group(part)) return;
+  light_.scattered += weight * other.scattered;
+  for (size_t g = 0; g < light_.of_light_groups.size(); ++g)
+    light_.of_light_groups[g] += weight * other.of_light_groups[g];
 }
 
-void LitPixels::add_mean_around(Place& own, const ivec2& pixel, int ray, int across,
-                                const std::vector<size_t>& parts) {
+void LitPixels::add_mean_around(Place& own, const ivec2& pixel, int ray, int across, const std::vector<size_t>& parts) {
   double count = 0;
   constexpr int kParts = PixelRays::kParts * PixelRays::kParts;
   for (int i = 0; i < kParts; ++i) {
     Place beside = 2 * i + 1 == kParts ? Place() : place_along(march_.rays_.part(pixel, ray, across, i));
     Place& there = 2 * i + 1 == kParts ? own : beside;
     if (there.surface != own.surface || there.inside != own.inside) continue;
-    // Light from all around hardly changes within a pixel; of several groups it is much to look up.
-    if (is_of_group(0) && there.known.empty()) look_around(there, &own);
+    if (told_apart() && there.known.empty()) look_around(there, &own);
     for (const size_t part : parts) add(lit(there, part), dvec3(1), part);
     ++count;
   }
   for (const size_t part : parts) {
-    (is_of_group(part) ? light_.of_light_groups[part] : light_.scattered) /= count;
+    if (!is_of_group(part)) light_.scattered /= count;
     for (const size_t k : lights_of_part_[part]) {
       light_.groups[k].direct /= count;
       light_.groups[k].indirect /= count;
@@ -196,10 +194,13 @@ bool LitPixels::smooth(const ivec2& first, int side, int ray, int across, size_t
 
 bool LitPixels::find_smooth(const ivec2& first, int side, int ray, int across, size_t part) {
   Place& middle = this->middle(first, side, ray, across);
-  const double all = whole(middle), whole = is_of_group(part) ? std::max(middle.wholes[part], kLeastWhole * all) : all;
+  const double all = whole(middle);
+  const auto whole_of = [&](size_t of) {
+    return is_of_group(of) ? std::max(middle.wholes[of], kLeastWhole * all) : all;
+  };
   std::array<const Light*, 4> corners;
   for (int c = 0; c < 4; ++c) corners[static_cast<size_t>(c)] = &lit(corner(first, side, c, ray, across), part);
-  const auto alike = [&](const auto& of) {
+  const auto alike = [&](double whole, const auto& of) {
     const double here = in_colour(of(middle.light), kGrey);
     double mean = 0;
     for (const Light* const light : corners) {
@@ -209,11 +210,14 @@ bool LitPixels::find_smooth(const ivec2& first, int side, int ray, int across, s
     }
     return std::abs(mean - here) <= kExact * whole;
   };
-  if (!alike([&](const Light& light) { return is_of_group(part) ? light.of_light_groups[part] : light.scattered; }))
-    return false;
+  if (!is_of_group(part)) {
+    if (!alike(all, [](const Light& light) { return light.scattered; })) return false;
+    for (size_t g = 0; is_of_group(g); ++g)
+      if (!alike(whole_of(g), [&](const Light& light) { return light.of_light_groups[g]; })) return false;
+  }
   for (const size_t k : lights_of_part_[part])
-    if (!alike([&](const Light& light) { return light.groups[k].direct; }) ||
-        !alike([&](const Light& light) { return light.groups[k].indirect; }))
+    if (!alike(whole_of(part), [&](const Light& light) { return light.groups[k].direct; }) ||
+        !alike(whole_of(part), [&](const Light& light) { return light.groups[k].indirect; }))
       return false;
   return true;
 }
@@ -248,8 +252,9 @@ const LitPixels::Light& LitPixels::at(const ivec2& pixel, int ray, int across, c
     Place& own = place(pixel, ray, across);
     for (const size_t part : uneven) {
       const double least = is_of_group(part) ? least_whole(pixel, ray, across) : 0;
-      const bool edge = at_shadow_edge(own, pixel, ray, across, part, least) ||
-                        differs_over_lens(own, pixel, ray, across, part, least);
+      const bool hard = is_of_group(part) || !told_apart();  // light from all around has no edges
+      const bool edge = hard && (at_shadow_edge(own, pixel, ray, across, part, least) ||
+                                 differs_over_lens(own, pixel, ray, across, part, least));
       if (edge)
         edges.push_back(part);
       else

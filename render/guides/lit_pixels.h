@@ -12,8 +12,8 @@ namespace brume {
 /// Light on the first diffuse surfaces that camera rays meet, by group. It is smooth but for shadows' edges: found at
 /// the corners and in the middle of squares of pixels, and between the corners where all five fit together; elsewhere
 /// at each ray, or at more points of what a ray stands for where a shadow's edge goes through it. Of the many rays of a
-/// pixel at an edge of surfaces a few that meet the same surface share it. Each light group is a part that is found as
-/// closely as it needs, by itself.
+/// pixel at an edge of surfaces a few that meet the same surface share it. The lights of each light group are found as
+/// closely as that group needs, by themselves; light from all around of all groups together.
 class LitPixels {
  public:
   explicit LitPixels(const GuideMarch& march);
@@ -39,7 +39,7 @@ class LitPixels {
     SurfaceLight::Around around = {};
     Light light = {};
     std::vector<bool> known = {};     ///< by part
-    std::vector<double> wholes = {};  ///< grey, by part
+    std::vector<double> wholes = {};  ///< grey, by part; of a light group what it has of the last part, too
     int uses = 0;
 
     bool fits(const SurfaceHit& hit, const ShadedPoint& at) const;
@@ -50,11 +50,13 @@ class LitPixels {
     bool flat = false;  ///< all of it on one surface
     std::vector<std::optional<bool>> smooth;
   };
-  using Pixel = std::tuple<int, int, int>;             // and number of its ray
+  using Pixel = std::tuple<int, int, int>;            // and number of its ray
   using SquareName = std::tuple<int, int, int, int>;  // its first pixel, its side, number of the rays
-  /// The last part is light of no light group, or of several.
+  /// The lights of a light group are a part; the last one is light from all around, of whatever group, and the lights
+  /// of none or of several.
   size_t parts() const { return lights_of_part_.size(); }
   bool is_of_group(size_t part) const { return part + 1 < parts(); }
+  bool told_apart() const { return parts() > 1; }
   Light no_light() const;
   static Place unlit(const SurfaceHit& hit, const ShadedPoint& at);
   /// Prepares a place for its light to be found. @param like  has the same light from all around; or null

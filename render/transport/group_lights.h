@@ -43,7 +43,8 @@ class GroupLights {
     find_shares(slot, p, true);
     for (size_t group = 0; group < w_.groups; ++group) {
       if (!samples(slot, group)) continue;
-      if (const std::optional<AimedLight> light = aim(sample_of(group, slot, p))) aimed_[group].emplace_back(slot, *light);
+      if (const std::optional<AimedLight> light = aim(sample_of(group, slot, p)))
+        aimed_[group].emplace_back(slot, *light);
     }
     own_[slot] = rng.state();
     rng.set(of_path);
@@ -88,15 +89,15 @@ class GroupLights {
   MediaFlights& flights_;
   SurfaceEvents* surfaces_;
   const BallSamples* balls_;
-  std::vector<const Light*> lights_;          // that are sampled, by group
-  std::vector<bool> is_found_;                // of them: whether found() is told of it wherever a path meets it
-  std::vector<size_t> first_;                 // of each group's lights; behind them their number
-  std::vector<GroupLight> apart_;             // by slot and group
-  std::vector<bool> sampled_;                 // slots, at their vertex
-  std::vector<bool> knows_shares_;            // likewise: whether shares_ are those of the vertex
-  std::vector<double> shares_;                // of the picture's choice, by slot and light
-  std::vector<Arrival> arrival_;              // of the slots in media
-  std::vector<PathGenerator::State> own_;     // of the groups' samples
+  std::vector<const Light*> lights_;       // that are sampled, by group
+  std::vector<bool> is_found_;             // of them: whether found() is told of it wherever a path meets it
+  std::vector<size_t> first_;              // of each group's lights; behind them their number
+  std::vector<GroupLight> apart_;          // by slot and group
+  std::vector<bool> sampled_;              // slots, at their vertex
+  std::vector<bool> knows_shares_;         // likewise: whether shares_ are those of the vertex
+  std::vector<double> shares_;             // of the picture's choice, by slot and light
+  std::vector<Arrival> arrival_;           // of the slots in media
+  std::vector<PathGenerator::State> own_;  // of the groups' samples
   std::vector<PathGenerator::State> of_path_;
   std::vector<std::vector<std::pair<size_t, AimedLight>>> aimed_;  // from surfaces, by group: slots and samples
   SlotList hits_, met_, shadows_;

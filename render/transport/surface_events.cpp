@@ -49,8 +49,7 @@ struct SurfaceEvents::Vertex {
   FieldCones cones;
 };
 
-bool SurfaceEvents::meet(size_t i, const dvec3& eye, SlotList& shadows, BallSamples* balls,
-                         GroupLights* groups) {
+bool SurfaceEvents::meet(size_t i, const dvec3& eye, SlotList& shadows, BallSamples* balls, GroupLights* groups) {
   WorldPaths::Past& past = w_.past[i];
   past.to_catcher = false;
   const bool first = p_.events[i] == 0;

@@ -12,9 +12,9 @@ class GroupLights;
 /// A light sample that is worth a shadow ray.
 struct AimedLight {
   Ray shadow;
-  double end;      ///< ray parameter of the light
-  vec3 L{0};       ///< what it brings if nothing is in the way
-  float mis = 1;   ///< its weight against direction sampling
+  double end;     ///< ray parameter of the light
+  vec3 L{0};      ///< what it brings if nothing is in the way
+  float mis = 1;  ///< its weight against direction sampling
 };
 
 /// What happens to paths on meshes, one path at a time: Embree and the BSDFs are scalar.
