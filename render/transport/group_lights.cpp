@@ -44,7 +44,6 @@ GroupLights::GroupLights(const PathContext& context, PathStates& paths, WorldPat
       lights_(c_.lights->choice().lights()),
       first_(w_.groups + 1),
       apart_(kPool * w_.groups),
-      takes_from_picture_(kPool),
       sampled_(kPool),
       knows_shares_(kPool),
       shares_(kPool * lights_.size()),
@@ -73,7 +72,6 @@ void GroupLights::begin_vertices(std::span<const PathRequest> requests, const Sl
     to.clear();
     for (const size_t i : from) {
       sampled_[i] = p_.events[i] < kVertices;
-      takes_from_picture_[i] = p_.events[i] > 0;
       knows_shares_[i] = false;
       if (!sampled_[i]) continue;
       to.push(i);
@@ -94,17 +92,14 @@ void GroupLights::begin_vertices(std::span<const PathRequest> requests, const Sl
 
 void GroupLights::take_from_picture(size_t slot, const vec3& L) {
   if (!sampled_[slot]) return;
+  if (!knows_shares_[slot]) find_shares(slot, place_in_medium(slot), samples_fields(slot));
   const size_t group = w_.sampled_group[slot];
-  double weight = 0;
-  if (takes_from_picture_[slot]) {
-    if (!knows_shares_[slot]) find_shares(slot, place_in_medium(slot), samples_fields(slot));
-    const double share = share_of_group(slot, group);
-    // The balance heuristic has the light sample's pdf with and without the choice of the group; lights that keep the
-    // picture's weights have none.
-    const auto light = std::find(lights_.begin(), lights_.end(), w_.sampled_light[slot]);
-    const bool found = light == lights_.end() || is_found_[static_cast<size_t>(light - lights_.begin())];
-    weight = found ? share / (share + static_cast<double>(p_.mis[slot]) * (1 - share)) : share;
-  }
+  const double share = share_of_group(slot, group);
+  // The balance heuristic has the light sample's pdf with and without the choice of the group; lights that keep the
+  // picture's weights have none.
+  const auto light = std::find(lights_.begin(), lights_.end(), w_.sampled_light[slot]);
+  const bool found = light == lights_.end() || is_found_[static_cast<size_t>(light - lights_.begin())];
+  const double weight = found ? share / (share + static_cast<double>(p_.mis[slot]) * (1 - share)) : share;
   GroupLight& own = apart_[slot * w_.groups + group];
   (is_direct(p_.events[slot]) ? own.direct : own.indirect) -= static_cast<float>(1 - weight) * L;
 }

@@ -12,10 +12,9 @@
 namespace brume {
 
 /// A light sample, with a shadow ray, of every light group at a path's first vertices, where the picture has one of one
-/// light: for `light.NAME.aimed`, whose noise is that of a render of the group's lights alone. After the
-/// first vertex the picture's own sample is its group's, weighed as if no other group could have been chosen; at the
-/// first one it is not, so that what is cleaned of the groups is nearly independent of the picture. The picture and the
-/// layers `light.NAME` keep their random numbers and do without the groups' samples.
+/// light: for `light.NAME.aimed`, whose noise is that of a render of the group's lights alone. The picture's own sample
+/// is its group's, weighed as if no other group could have been chosen; the picture and the layers `light.NAME` keep
+/// their random numbers and do without the others.
 class GroupLights {
  public:
   using GroupLight = WorldPaths::GroupLight;
@@ -50,7 +49,7 @@ class GroupLights {
     own_[slot] = rng.state();
     rng.set(of_path);
   }
-  /// What the picture's own light sample brought at the vertex: it is its group's, or counts no more.
+  /// What the picture's own light sample brought at the vertex: it is its group's.
   void take_from_picture(size_t slot, const vec3& L);
   /// Traces the samples of the groups that the picture has not sampled.
   void trace();
@@ -72,8 +71,7 @@ class GroupLights {
   std::span<const Light* const> lights_of(size_t group) const;
   /// Whether a vertex has a sample of its own of the group.
   bool samples(size_t slot, size_t group) const {
-    const bool by_picture = takes_from_picture_[slot] && w_.sampled_group[slot] == group;
-    return !by_picture && first_[group] < first_[group + 1];
+    return w_.sampled_group[slot] != group && first_[group] < first_[group + 1];
   }
   double probability_of_group(size_t group, const dvec3& p, bool fields) const;
   void find_shares(size_t slot, const dvec3& p, bool fields);
@@ -95,8 +93,7 @@ class GroupLights {
   std::vector<bool> is_found_;             // of them: whether found() is told of it wherever a path meets it
   std::vector<size_t> first_;              // of each group's lights; behind them their number
   std::vector<GroupLight> apart_;          // by slot and group
-  std::vector<bool> takes_from_picture_;   // slots, at their vertex
-  std::vector<bool> sampled_;              // likewise
+  std::vector<bool> sampled_;              // slots, at their vertex
   std::vector<bool> knows_shares_;         // likewise: whether shares_ are those of the vertex
   std::vector<double> shares_;             // of the picture's choice, by slot and light
   std::vector<Arrival> arrival_;           // of the slots in media
