@@ -25,18 +25,9 @@ bool apart(double whole, double expected, double largest) {
 
 }  // namespace
 
-LitPixels::LitPixels(const GuideMarch& march) : march_(march), lights_of_part_(march.fields_.groups() + 1) {
-  const auto& lights = march.fields_.lights();
-  for (size_t k = 0; k < lights.size(); ++k) {
-    const int group = lights[k]->group_number;
-    const bool of_group = march.fields_.groups() > 0 && group >= 0;
-    (of_group ? lights_of_part_[static_cast<size_t>(group)] : lights_of_part_.back()).push_back(k);
-  }
-}
-
 void LitPixels::begin_tile() {
   places_.clear();
-  squares_.clear();
+  smooth_.clear();
   at_edges_.clear();
 }
 
@@ -48,58 +39,39 @@ bool LitPixels::Place::alike(const Place& other) const {
   return other.surface == surface && other.inside == inside && glm::dot(other.normal, normal) > kAlikeNormals;
 }
 
-LitPixels::Light LitPixels::no_light() const {
-  return {std::vector<Lit>(march_.fields_.lights().size()), dvec3(0),
-          std::vector<dvec3>(march_.fields_.groups(), dvec3(0))};
+LitPixels::Place LitPixels::lit(const SurfaceHit& hit, const ShadedPoint& at) const {
+  Place place{hit.surface, at.inside, at.p, at.normal, {}};
+  place.light.of_light_groups.resize(march_.fields_.groups());
+  const SurfaceLight::Around around = march_.surfaces_.around(at, place.light.of_light_groups);
+  place.light.scattered = around.scattered;
+  for (const auto& group : march_.fields_.lights())
+    place.light.groups.push_back(group->onto(march_.surfaces_, around, at.p, at.normal));
+  place.wholes = wholes_of(place.light);
+  return place;
 }
 
-LitPixels::Place LitPixels::unlit(const SurfaceHit& hit, const ShadedPoint& at) {
-  return {hit.surface, at.inside, at.p, at.normal};
+size_t LitPixels::whole_of(size_t guide_light) const {
+  const size_t groups = march_.fields_.groups();
+  const int group = march_.fields_.lights()[guide_light]->group_number;
+  return groups && group >= 0 ? static_cast<size_t>(group) : groups;
 }
 
-void LitPixels::look_around(Place& place, const Place* like) const {
-  place.light = no_light();
-  place.known.assign(parts(), false);
-  place.wholes.assign(parts(), 0);
-  if (like) {
-    place.around = like->around;
-    place.light.of_light_groups = like->light.of_light_groups;
-  } else {
-    place.around = march_.surfaces_.surface_light->onto(place.p, place.normal, place.light.of_light_groups);
+std::vector<double> LitPixels::wholes_of(const Light& light) const {
+  std::vector<double> wholes;
+  for (const dvec3& of_group : light.of_light_groups) wholes.push_back(in_colour(of_group, kGrey));
+  double all = in_colour(light.scattered, kGrey);
+  wholes.push_back(0);
+  for (size_t k = 0; k < light.groups.size(); ++k) {
+    const double from = in_colour(light.groups[k].direct + light.groups[k].indirect, kGrey);
+    wholes[whole_of(k)] += from;
+    all += from;
   }
-  place.light.scattered = place.around.scattered;
+  wholes.back() = all;
+  for (double& whole : wholes) whole = std::max(whole, kLeastWhole * all);
+  return wholes;
 }
 
-const LitPixels::Light& LitPixels::lit(Place& place, size_t part) const {
-  if (place.known.empty()) look_around(place, nullptr);
-  if (place.known[part]) return place.light;
-  place.known[part] = true;
-  double& whole = place.wholes[part];
-  whole = in_colour(is_of_group(part) ? place.light.of_light_groups[part] : place.light.scattered, kGrey);
-  for (const size_t k : lights_of_part_[part]) {
-    Lit& light = place.light.groups[k];
-    light = march_.fields_.lights()[k]->onto(march_.surfaces_, place.around, place.p, place.normal);
-    whole += in_colour(light.direct + light.indirect, kGrey);
-  }
-  return place.light;
-}
-
-double LitPixels::whole(Place& place, size_t part) const {
-  lit(place, part);
-  return place.wholes[part];
-}
-
-double LitPixels::whole(Place& place) const {
-  double all = whole(place, parts() - 1);
-  for (size_t part = 0; is_of_group(part); ++part) {
-    lit(place, part);
-    for (const size_t k : lights_of_part_[part])
-      all += in_colour(place.light.groups[k].direct + place.light.groups[k].indirect, kGrey);
-  }
-  return all;
-}
-
-LitPixels::Place& LitPixels::place(const ivec2& pixel, int ray, int across) {
+const LitPixels::Place& LitPixels::place(const ivec2& pixel, int ray, int across) {
   const auto [known, fresh] = places_.try_emplace({pixel.x, pixel.y, ray});
   if (fresh) known->second = place_along(march_.rays_.sample(pixel, ray, across));
   return known->second;
@@ -110,132 +82,110 @@ LitPixels::Place LitPixels::place_along(const CameraSample& sample) const {
   const std::optional<SurfaceHit> hit = march_.rays_.first_hit(along);
   if (!hit || march_.context_.lights->nearest(along, hit->t, /*seen=*/true).first) return {};
   const ShadedPoint at(*march_.context_.surfaces, along, *hit);
-  return at.diffuse() ? unlit(*hit, at) : Place();
+  return at.diffuse() ? lit(*hit, at) : Place();
 }
 
-bool LitPixels::at_shadow_edge(Place& own, const ivec2& pixel, int ray, int across, size_t part, double least) {
+bool LitPixels::at_shadow_edge(const Place& own, const ivec2& pixel, int ray, int across) {
   for (const ivec2& step : {ivec2(1, 0), ivec2(0, 1)}) {
-    Place &before = place(pixel - step, ray, across), &behind = place(pixel + step, ray, across);
+    const Place &before = place(pixel - step, ray, across), &behind = place(pixel + step, ray, across);
     if (!own.alike(before) || !own.alike(behind)) continue;
-    const double a = std::max(whole(before, part), least), b = std::max(whole(behind, part), least),
-                 here = std::max(whole(own, part), least);
-    if (apart(here, 0.5 * (a + b), std::max({a, b, here}))) return true;
+    for (size_t g = 0; g < own.wholes.size(); ++g) {
+      const double a = before.wholes[g], b = behind.wholes[g], here = own.wholes[g];
+      if (apart(here, 0.5 * (a + b), std::max({a, b, here}))) return true;
+    }
   }
   return false;
 }
 
-bool LitPixels::differs_over_lens(Place& own, const ivec2& pixel, int ray, int across, size_t part, double least) {
+bool LitPixels::differs_over_lens(const Place& own, const ivec2& pixel, int ray, int across) {
   if (across == 1 || !march_.rays_.has_lens()) return false;
   for (int other = 0; other < across * across; ++other) {
     if (other == ray) continue;
-    Place& there = place(pixel, other, across);
+    const Place& there = place(pixel, other, across);
     if (!own.alike(there)) continue;
-    const double a = std::max(whole(own, part), least), b = std::max(whole(there, part), least);
-    if (apart(a, b, std::max(a, b))) return true;
+    for (size_t g = 0; g < own.wholes.size(); ++g)
+      if (apart(own.wholes[g], there.wholes[g], std::max(own.wholes[g], there.wholes[g]))) return true;
   }
   return false;
 }
 
-void LitPixels::add(const Light& other, const dvec3& weight, size_t part) {
-  for (const size_t k : lights_of_part_[part]) light_.groups[k].add(weight, other.groups[k]);
-  if (is_of_group(part)) return;
-  light_.scattered += weight * other.scattered;
-  for (size_t g = 0; g < light_.of_light_groups.size(); ++g)
-    light_.of_light_groups[g] += weight * other.of_light_groups[g];
-}
-
-void LitPixels::add_mean_around(Place& own, const ivec2& pixel, int ray, int across, const std::vector<size_t>& parts) {
+LitPixels::Light LitPixels::mean_around(const Place& own, const ivec2& pixel, int ray, int across) const {
+  Light sum{std::vector<Lit>(own.light.groups.size())};
+  sum.of_light_groups.assign(own.light.of_light_groups.size(), dvec3(0));
   double count = 0;
   constexpr int kParts = PixelRays::kParts * PixelRays::kParts;
   for (int i = 0; i < kParts; ++i) {
-    Place beside = 2 * i + 1 == kParts ? Place() : place_along(march_.rays_.part(pixel, ray, across, i));
-    Place& there = 2 * i + 1 == kParts ? own : beside;
+    const Place there = 2 * i + 1 == kParts ? own : place_along(march_.rays_.part(pixel, ray, across, i));
     if (there.surface != own.surface || there.inside != own.inside) continue;
-    if (told_apart() && there.known.empty()) look_around(there, &own);
-    for (const size_t part : parts) add(lit(there, part), dvec3(1), part);
+    sum.scattered += there.light.scattered;
+    for (size_t k = 0; k < sum.groups.size(); ++k) sum.groups[k].add(dvec3(1), there.light.groups[k]);
+    for (size_t g = 0; g < sum.of_light_groups.size(); ++g) sum.of_light_groups[g] += there.light.of_light_groups[g];
     ++count;
   }
-  for (const size_t part : parts) {
-    if (!is_of_group(part)) light_.scattered /= count;
-    for (const size_t k : lights_of_part_[part]) {
-      light_.groups[k].direct /= count;
-      light_.groups[k].indirect /= count;
-    }
+  sum.scattered /= count;
+  for (dvec3& light : sum.of_light_groups) light /= count;
+  for (Lit& light : sum.groups) {
+    light.direct /= count;
+    light.indirect /= count;
   }
+  return sum;
 }
 
-ivec2 LitPixels::first_of_square(const ivec2& pixel, int side) {
-  return ivec2(glm::floor(dvec2(pixel) / static_cast<double>(side)) * static_cast<double>(side));
-}
-
-bool LitPixels::flat(const ivec2& first, int side, int ray, int across) {
-  const Place& middle = this->middle(first, side, ray, across);
+bool LitPixels::smooth(const ivec2& first, int side, int ray, int across) {
+  const auto [known, fresh] = smooth_.try_emplace({first.x, first.y, side, ray}, false);
+  if (!fresh) return known->second;
+  const Place& middle = place(first + side / 2, ray, across);
   if (!middle.surface) return false;
+  std::array<const Place*, 4> corners;
   for (int c = 0; c < 4; ++c) {
-    const Place& there = corner(first, side, c, ray, across);
-    const dvec3 to = there.p - middle.p;
-    if (!there.alike(middle) || std::abs(glm::dot(to, middle.normal)) > kFlat * glm::length(to)) return false;
+    const Place& corner = *(corners[static_cast<size_t>(c)] = &place(first + side * ivec2(c % 2, c / 2), ray, across));
+    const dvec3 to = corner.p - middle.p;
+    if (corner.surface != middle.surface || corner.inside != middle.inside ||
+        glm::dot(corner.normal, middle.normal) < kAlikeNormals ||
+        std::abs(glm::dot(to, middle.normal)) > kFlat * glm::length(to))
+      return false;
   }
-  return true;
-}
-
-bool LitPixels::smooth(const ivec2& first, int side, int ray, int across, size_t part) {
-  const auto [at, fresh] = squares_.try_emplace({first.x, first.y, side, ray});
-  Square& square = at->second;
-  if (fresh) {
-    square.flat = flat(first, side, ray, across);
-    square.smooth.resize(parts());
-  }
-  if (!square.flat) return false;
-  std::optional<bool>& known = square.smooth[part];
-  if (!known) known = find_smooth(first, side, ray, across, part);
-  return *known;
-}
-
-bool LitPixels::find_smooth(const ivec2& first, int side, int ray, int across, size_t part) {
-  Place& middle = this->middle(first, side, ray, across);
-  const double all = whole(middle);
-  const auto whole_of = [&](size_t of) {
-    return is_of_group(of) ? std::max(middle.wholes[of], kLeastWhole * all) : all;
-  };
-  std::array<const Light*, 4> corners;
-  for (int c = 0; c < 4; ++c) corners[static_cast<size_t>(c)] = &lit(corner(first, side, c, ray, across), part);
   const auto alike = [&](double whole, const auto& of) {
-    const double here = in_colour(of(middle.light), kGrey);
+    const double here = of(middle.light);
     double mean = 0;
-    for (const Light* const light : corners) {
-      const double there = in_colour(of(*light), kGrey);
+    for (const Place* const corner : corners) {
+      const double there = of(corner->light);
       if (std::abs(there - here) > kAlike * whole) return false;
       mean += 0.25 * there;
     }
     return std::abs(mean - here) <= kExact * whole;
   };
-  if (!is_of_group(part)) {
-    if (!alike(all, [](const Light& light) { return light.scattered; })) return false;
-    for (size_t g = 0; is_of_group(g); ++g)
-      if (!alike(whole_of(g), [&](const Light& light) { return light.of_light_groups[g]; })) return false;
-  }
-  for (const size_t k : lights_of_part_[part])
-    if (!alike(whole_of(part), [&](const Light& light) { return light.groups[k].direct; }) ||
-        !alike(whole_of(part), [&](const Light& light) { return light.groups[k].indirect; }))
+  const std::vector<double>& wholes = middle.wholes;
+  if (march_.fields_.groups() == 0 &&
+      !alike(wholes.back(), [](const Light& light) { return in_colour(light.scattered, kGrey); }))
+    return false;
+  for (size_t g = 0; g < march_.fields_.groups(); ++g)
+    if (!alike(wholes[g], [&](const Light& light) { return in_colour(light.of_light_groups[g], kGrey); })) return false;
+  for (size_t k = 0; k < middle.light.groups.size(); ++k) {
+    const double whole = wholes[whole_of(k)];
+    if (!alike(whole, [&](const Light& light) { return in_colour(light.groups[k].direct, kGrey); }) ||
+        !alike(whole, [&](const Light& light) { return in_colour(light.groups[k].indirect, kGrey); }))
       return false;
-  return true;
+  }
+  return known->second = true;
 }
 
-double LitPixels::least_whole(const ivec2& pixel, int ray, int across) {
-  const int side = kSides[std::size(kSides) - 1];
-  Place& middle = this->middle(first_of_square(pixel, side), side, ray, across);
-  return kLeastWhole * whole(middle.surface ? middle : place(pixel, ray, across));
-}
-
-bool LitPixels::add_between(const ivec2& pixel, int ray, int across, const SurfaceHit& hit, const ShadedPoint& at,
-                            size_t part) {
+bool LitPixels::between(const ivec2& pixel, int ray, int across, const SurfaceHit& hit, const ShadedPoint& at) {
   for (const int side : kSides) {
-    const ivec2 first = first_of_square(pixel, side);
-    if (!smooth(first, side, ray, across, part) || !middle(first, side, ray, across).fits(hit, at)) continue;
+    const ivec2 first(glm::floor(dvec2(pixel) / static_cast<double>(side)) * static_cast<double>(side));
+    if (!smooth(first, side, ray, across) || !place(first + side / 2, ray, across).fits(hit, at)) continue;
     const dvec2 f = dvec2(pixel - first) / static_cast<double>(side);
-    for (int c = 0; c < 4; ++c)
-      add(corner(first, side, c, ray, across).light, dvec3((c % 2 ? f.x : 1 - f.x) * (c / 2 ? f.y : 1 - f.y)), part);
+    light_.groups.assign(march_.fields_.lights().size(), Lit());
+    light_.scattered = dvec3(0);
+    light_.of_light_groups.assign(march_.fields_.groups(), dvec3(0));
+    for (int c = 0; c < 4; ++c) {
+      const Light& corner = place(first + side * ivec2(c % 2, c / 2), ray, across).light;
+      const dvec3 weight((c % 2 ? f.x : 1 - f.x) * (c / 2 ? f.y : 1 - f.y));
+      light_.scattered += weight * corner.scattered;
+      for (size_t k = 0; k < light_.groups.size(); ++k) light_.groups[k].add(weight, corner.groups[k]);
+      for (size_t g = 0; g < light_.of_light_groups.size(); ++g)
+        light_.of_light_groups[g] += weight * corner.of_light_groups[g];
+    }
     return true;
   }
   return false;
@@ -244,30 +194,16 @@ bool LitPixels::add_between(const ivec2& pixel, int ray, int across, const Surfa
 const LitPixels::Light& LitPixels::at(const ivec2& pixel, int ray, int across, const SurfaceHit& hit,
                                       const ShadedPoint& at) {
   if (across < PixelRays::kMostAcross) {
-    light_ = no_light();
-    std::vector<size_t> uneven, edges;
-    for (size_t part = 0; part < parts(); ++part)
-      if (!add_between(pixel, ray, across, hit, at, part)) uneven.push_back(part);
-    if (uneven.empty()) return light_;
-    Place& own = place(pixel, ray, across);
-    for (const size_t part : uneven) {
-      const double least = is_of_group(part) ? least_whole(pixel, ray, across) : 0;
-      const bool hard = is_of_group(part) || !told_apart();  // light from all around has no edges
-      const bool edge = hard && (at_shadow_edge(own, pixel, ray, across, part, least) ||
-                                 differs_over_lens(own, pixel, ray, across, part, least));
-      if (edge)
-        edges.push_back(part);
-      else
-        add(lit(own, part), dvec3(1), part);
-    }
-    if (!edges.empty()) add_mean_around(own, pixel, ray, across, edges);
+    if (between(pixel, ray, across, hit, at)) return light_;
+    const Place& own = place(pixel, ray, across);
+    const bool edge = at_shadow_edge(own, pixel, ray, across) || differs_over_lens(own, pixel, ray, across);
+    light_ = edge ? mean_around(own, pixel, ray, across) : own.light;
     return light_;
   }
   std::vector<Place>& known = at_edges_[{pixel.x, pixel.y}];
   const auto fits = [&](const Place& place) { return place.uses < kUses && place.fits(hit, at); };
   auto found = std::find_if(known.begin(), known.end(), fits);
-  if (found == known.end()) found = known.insert(found, unlit(hit, at));
-  for (size_t part = 0; part < parts(); ++part) lit(*found, part);
+  if (found == known.end()) found = known.insert(found, lit(hit, at));
   ++found->uses;
   return found->light;
 }
