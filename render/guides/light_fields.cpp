@@ -331,7 +331,7 @@ void LightFields::add_to_ambient(const GuideLight& light, const Source& fine_ord
         for (int c = 0; c < 3; ++c)
           node.scattered[3 * moment + static_cast<size_t>(c)] += factor * rgb[c] * moments[moment][i];
       for (size_t g = 0; g < shares.size(); ++g)
-        ambient_light_->of_groups(at)[g] += factor * moments[0][i] * rgb * vec3(shares[g]);
+        if (shares[g] != dvec3(0)) ambient_light_->of_groups(at)[g] += factor * moments[0][i] * rgb * vec3(shares[g]);
     };
     add(tint.at(kFineOrder), fine_emission, 1);
     for (size_t g = GuideLight::kFineGuides; g < light.orders.size(); ++g)

@@ -45,7 +45,7 @@ struct PathStates {
   Column3 contribution;  // of the light sample, unoccluded
   Column3 wi;            // its direction, world; not where Plan::one_grid
   Column<float> pdf;     // of the last direction
-  Column<float> mis;     // the light sample's weight against direction sampling; not where Plan::one_grid
+  Column<float> mis;     // the light sample's weight against direction sampling; where Plan::one_grid with groups alone
   Column<float> transmittance;
   // Only in chromatic scenes: each channel's density of the path's choices; what a flight through a medium
   // multiplied weight and density with; the colour of the shadow ray's transmittance; the channel that decides.

@@ -77,6 +77,7 @@ class Collisions {
     put(one, paths_.transmittance);
     if (scene_.keeps_local) {
       scatter3(transform(scene_.local_from_world, s.wi), paths_.shadow.d, slot_);
+      if (scene_.grouped) put(mis, paths_.mis);
     } else {
       scatter3(s.wi, paths_.wi, slot_);
       put(mis, paths_.mis);
@@ -273,9 +274,11 @@ class Collisions {
     s = {wi.load(), light.load(), hn::Load(d, pdf), hn::Or(s.delta, mask_of(delta))};
   }
 
-  /// Keeps the light group of a lane's sample.
-  void note_group(size_t lane, size_t group) const {
-    scene_.world->sampled_group[static_cast<size_t>(slots_[lane])] = group;
+  /// Keeps the light group of a lane's sample. @param light  null for a sun or the environment
+  void note_group(size_t lane, size_t group, const Light* light = nullptr) const {
+    const auto s = static_cast<size_t>(slots_[lane]);
+    scene_.world->sampled_group[s] = group;
+    scene_.world->sampled_light[s] = light;
   }
 
   LightSample sample_other(size_t lane, double choice, const dvec2& u) const {
@@ -290,7 +293,7 @@ class Collisions {
     const dvec3 p = position(lane);
     LightSample sample = scene_.lights->sample_visible(p, choice, u, scene_.samples_fields);
     sample.radiance *= far_share(scene_.near_lights, sample.light, p);
-    if (scene_.grouped && sample.light) note_group(lane, sample.light->group);
+    if (scene_.grouped && sample.light) note_group(lane, sample.light->group, sample.light);
     if (scene_.keeps_local)
       paths_.shadow.end[s] = static_cast<float>(std::min(sample.distance / scene_.unit, 1e30));
     else

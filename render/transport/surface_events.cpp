@@ -4,6 +4,7 @@
 #include <utility>
 
 #include "render/transport/estimator.h"
+#include "render/transport/group_lights.h"
 
 namespace brume {
 
@@ -48,7 +49,7 @@ struct SurfaceEvents::Vertex {
   FieldCones cones;
 };
 
-bool SurfaceEvents::meet(size_t i, const dvec3& eye, SlotList& shadows, BallSamples* balls) {
+bool SurfaceEvents::meet(size_t i, const dvec3& eye, SlotList& shadows, BallSamples* balls, GroupLights* groups) {
   WorldPaths::Past& past = w_.past[i];
   past.to_catcher = false;
   const bool first = p_.events[i] == 0;
@@ -69,7 +70,11 @@ bool SurfaceEvents::meet(size_t i, const dvec3& eye, SlotList& shadows, BallSamp
     sample.position = v.p + c_.world_shift;
   }
   ++p_.events[i];
-  if (c_.plan.light_sampling && !v.bsdf.delta()) sample_light(i, v, v.p, false, shadows);
+  if (c_.plan.light_sampling && !v.bsdf.delta()) {
+    sample_light(i, v, v.p, false, shadows);
+    if (groups)
+      groups->aim_from_surface(i, v.p, [&](const LightSample& light) { return aim_at(i, v, v.p, light, false); });
+  }
   if (balls && !v.bsdf.delta())
     balls->draw(i, v.p, p_.events[i], [&](const dvec3& wi) {
       const auto [value, pdf] = v.scattering(wi);
@@ -115,35 +120,33 @@ void SurfaceEvents::sample_light(size_t i, const Vertex& v, const dvec3& from, b
   const dvec2 u = rng.pair();
   const LightSample light = c_.lights->choice().sample(from, choice, u);
   w_.note_light(i, light, u, p_.events[i] == 1);
-  if (aim_at(i, v, from, light, only_technique)) shadows.push(i);
+  const std::optional<AimedLight> aimed = aim_at(i, v, from, light, only_technique);
+  if (!aimed) return;
+  take(i, *aimed);
+  shadows.push(i);
 }
 
-bool SurfaceEvents::aim(size_t i, const std::function<LightSample(const dvec3& p)>& draw) {
-  const Vertex v(*c_.surfaces, w_.ray[i], w_.hit[i], aims());
-  const bool unseen = v.settings.role == "holdout" || v.settings.role == "shadow_catcher";
-  if ((p_.events[i] == 0 && unseen) || v.bsdf.delta()) return false;
-  const LightSample light = draw(v.p);
-  w_.shadow_end[i] = light.distance;
-  return aim_at(i, v, v.p, light, false);
+void SurfaceEvents::take(size_t i, const AimedLight& light) {
+  w_.shadow[i] = light.shadow;
+  w_.shadow_end[i] = light.end;
+  p_.mis[i] = light.mis;
+  p_.contribution.set(i, light.L);
+  p_.transmittance[i] = 1;
 }
 
-/// The shadow ray towards a light sample, and what it brings. @return  whether it is worth to be traced
-bool SurfaceEvents::aim_at(size_t i, const Vertex& v, const dvec3& from, const LightSample& light,
-                           bool only_technique) {
-  if (!(light.pdf > 0)) return false;
+/// The shadow ray towards a light sample, and what it brings; nothing where that is not worth to be traced.
+std::optional<AimedLight> SurfaceEvents::aim_at(size_t i, const Vertex& v, const dvec3& from, const LightSample& light,
+                                                bool only_technique) {
+  if (!(light.pdf > 0)) return {};
   const auto [value, pdf] = v.scattering(light.wi);
   const double weight = light.delta || only_technique ? 1.0 : balance(light.pdf, pdf);
   const dvec3 L = throughput(i) * light.radiance * value * (weight / light.pdf);
   if (only_technique) samples_[i].catcher_unshadowed += L;
-  if (L == dvec3(0)) return false;
+  if (L == dvec3(0)) return {};
   // Lights on either side of the surface are reached from that side.
   const Ray shadow{only_technique ? from : Surfaces::leave(v.hit, v.p, light.wi), light.wi};
-  if (c_.lights->blocked(shadow, light.distance, light.light)) return false;
-  w_.shadow[i] = shadow;
-  p_.mis[i] = static_cast<float>(weight);
-  p_.contribution.set(i, vec3(L));
-  p_.transmittance[i] = 1;
-  return true;
+  if (c_.lights->blocked(shadow, light.distance, light.light)) return {};
+  return AimedLight{shadow, light.distance, vec3(L), static_cast<float>(weight)};
 }
 
 bool SurfaceEvents::scatter(size_t i, const Vertex& v) {
@@ -201,6 +204,7 @@ void SurfaceEvents::shadow(SlotList& shadows) {
     if (passage.light == dvec3(0)) return false;
     // Behind straight shadows no other technique finds the light.
     const dvec3 left = passage.straight ? passage.light / static_cast<double>(p_.mis[i]) : passage.light;
+    if (passage.straight) p_.mis[i] = 1;
     p_.contribution.set(i, p_.contribution[i] * vec3(left));
     return true;
   });

@@ -1,11 +1,21 @@
 #pragma once
-#include <functional>
+#include <optional>
 #include <span>
 
 #include "render/transport/integrator.h"
 #include "render/transport/world_paths.h"
 
 namespace brume {
+
+class GroupLights;
+
+/// A light sample that is worth a shadow ray.
+struct AimedLight {
+  Ray shadow;
+  double end;     ///< ray parameter of the light
+  vec3 L{0};      ///< what it brings if nothing is in the way
+  float mis = 1;  ///< its weight against direction sampling
+};
 
 /// What happens to paths on meshes, one path at a time: Embree and the BSDFs are scalar.
 class SurfaceEvents {
@@ -20,17 +30,18 @@ class SurfaceEvents {
   /// @param eye      where its camera ray begins
   /// @param shadows  gets the slot where the light sample is worth a shadow ray
   /// @param balls    draws points of lit balls; null where there are none
-  bool meet(size_t slot, const dvec3& eye, SlotList& shadows, BallSamples* balls);
-  /// Makes a light sample of its own at the surface that a path is about to meet, without changing the path.
-  /// @param draw  gives a sample of light at a point. @return  whether it is worth a shadow ray
-  bool aim(size_t slot, const std::function<LightSample(const dvec3& p)>& draw);
+  /// @param groups   samples the other light groups; null where there are none
+  bool meet(size_t slot, const dvec3& eye, SlotList& shadows, BallSamples* balls, GroupLights* groups);
+  /// Makes a light sample the one whose shadow ray a slot has.
+  void take(size_t slot, const AimedLight& light);
   /// What surfaces leave of the light samples. Drops those that are dark from the list.
   void shadow(SlotList& shadows);
 
  private:
   struct Vertex;
   void sample_light(size_t slot, const Vertex& vertex, const dvec3& from, bool only_technique, SlotList& shadows);
-  bool aim_at(size_t slot, const Vertex& vertex, const dvec3& from, const LightSample& light, bool only_technique);
+  std::optional<AimedLight> aim_at(size_t slot, const Vertex& vertex, const dvec3& from, const LightSample& light,
+                                   bool only_technique);
   bool scatter(size_t slot, const Vertex& vertex);
   bool pass_catcher(size_t slot, const Vertex& vertex, SlotList& shadows);
   void emit(size_t slot, const Vertex& vertex, const dvec3& radiance);

@@ -310,13 +310,15 @@ class Wavefront {
   void scatter() {
     if (balls_)
       for (const size_t i : pool_.hits) balls_->leave(i);
-    if (group_lights_) group_lights_->sample(requests_, pool_.hits, pool_.met);
+    if (group_lights_) group_lights_->begin_vertices(requests_, pool_.hits, pool_.met);
     if (recorder_) recorder_->collide(pool_.hits);
     for (size_t m = 0; m < flights_.count(); ++m) scatter_in(m);
     if (balls_) balls_->weigh(pool_.shadows);
     if (recorder_) recorder_->turn(pool_.alive);
     for (const size_t i : pool_.met)
-      if (surfaces_->meet(i, requests_[p_.request[i]].ray.o, pool_.shadows, balls_.get())) pool_.alive.push(i);
+      if (surfaces_->meet(i, requests_[p_.request[i]].ray.o, pool_.shadows, balls_.get(),
+                          group_lights_ ? &*group_lights_ : nullptr))
+        pool_.alive.push(i);
     if (recorder_) recorder_->sample_lights(pool_.shadows);
     if (surfaces_) surfaces_->shadow(pool_.shadows);
     flights_.shadow(pool_.shadows);
@@ -372,9 +374,10 @@ class Wavefront {
         continue;
       }
       deposit(p_, w_, i, L, p_.events[i], w_.sampled_group[i]);
-      if (group_lights_) group_lights_->replace(i, L);
+      if (group_lights_) group_lights_->take_from_picture(i, L);
     }
     if (balls_) balls_->trace();
+    if (group_lights_) group_lights_->trace();
   }
 
   // ---- ends

@@ -60,9 +60,9 @@ struct WorldPaths {
   };
   size_t groups = 0;
   std::vector<GroupLight> group_light;
-  std::array<size_t, kPool> sampled_group;  ///< of the light sample
-  std::array<const Light*, kPool> sampled_light;
-  std::array<PathRecord*, kPool> record;  ///< to be filled; null where none is wanted
+  std::array<size_t, kPool> sampled_group;        ///< of the light sample
+  std::array<const Light*, kPool> sampled_light;  ///< likewise; null for suns and the environment sampled in lanes
+  std::array<PathRecord*, kPool> record;          ///< to be filled; null where none is wanted
 
   /// A path's ray from its last vertex on, which lies `past.passed` before it.
   Ray from_vertex(size_t slot) const { return {ray[slot].o - past[slot].passed * ray[slot].d, ray[slot].d}; }

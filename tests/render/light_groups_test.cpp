@@ -130,6 +130,66 @@ intensity = 1
   EXPECT_NEAR(test::mean_radiance(frame, {aimed_light_layer("point"), "RGB", ""}).value[0], own, 0.03 * own);
 }
 
+/// With samples of their own, groups have the means that they have without, closely: both share their paths.
+void expect_means_with_own_samples(Scene scene, int samples) {
+  scene.render.light_groups = true;
+  const Layers frame = PreparedScene(scene, LayerRequest::of({"light_aimed"}, true)).render(samples, 3).layers;
+  for (const std::string& group : light_groups_of(scene).names) {
+    SCOPED_TRACE(group);
+    const dvec3 own = test::mean_radiance(frame, {light_layer(group), "RGB", ""}).value,
+                aimed = test::mean_radiance(frame, {aimed_light_layer(group), "RGB", ""}).value;
+    for (int c = 0; c < 3; ++c) EXPECT_NEAR(aimed[c], own[c], 0.02 * own[c]);
+  }
+}
+
+// One grid alone keeps its rays and light samples in lanes; directions find the wide sun and the sky as well.
+TEST(LightGroups, OfOneGridKeepTheirMeansWithSamplesOfTheirOwn) {
+  const std::string text =
+      "[camera]\nposition = [0, -4, 1.5]\nlook_at = [0, 0, 1.2]\n"
+      "[film]\nwidth = 12\nheight = 9\n[environment]\nsky = \"preetham\"\nturbidity = 3\n"
+      "sun_direction = [0.3, -0.5, 0.6]\nsky_sun = false\n[[volumes]]\nfile = \"" +
+      test::source("data/volumes/cloud.vdb").string() + R"("
+sigma_t = 4
+albedo = 0.9
+[[lights]]
+type = "sun"
+direction = [1, -1, 1]
+irradiance = 20
+angular_diameter = 100
+[[lights]]
+type = "sun"
+direction = [-1, 0, 0.5]
+irradiance = 8
+)";
+  expect_means_with_own_samples(parse_scene(text, "scene.toml"), 512);
+}
+
+// A surface's scattering finds a large lamp by its direction; glass lets straight shadows through.
+TEST(LightGroups, OnSurfacesKeepTheirMeansWithSamplesOfTheirOwn) {
+  const std::string floor = test::source("data/meshes/floor.obj").string();
+  const std::string text =
+      "[camera]\nposition = [0, -5, 2]\nlook_at = [0, 0, 0]\n"
+      "[film]\nwidth = 12\nheight = 9\n[environment]\nradiance = 0.1\n[[volumes]]\n"
+      "shape = \"sphere\"\nsigma_t = 1\n[[surfaces]]\nfile = \"" +
+      floor + R"("
+[[lights]]
+type = "sphere"
+position = [1.5, -1.5, 1.5]
+radius = 0.8
+radiance = 2
+[[lights]]
+type = "sphere"
+position = [-1.5, -1.5, 1]
+radius = 0.4
+radiance = 9
+[[lights]]
+type = "point"
+position = [0, 1, 2]
+intensity = 2
+)";
+  expect_means_with_own_samples(parse_scene(text, "scene.toml"), 512);
+}
+
 INSTANTIATE_TEST_SUITE_P(Seeds, LightGroupsOf, ::testing::Values(11, 69, 195));
 
 constexpr const char* kScene = R"(
