@@ -23,22 +23,10 @@ constexpr double kPeakMeanCosine = 0.75;
 constexpr int kMostLines = 8;  // along which a cell's media are looked up, across each axis
 constexpr int kNear = 4;       // nodes around the media in which light that has left them is followed
 
-/// Whether a direction is swept along z, in arrays that have it slowest.
-bool lies(const dvec3& d) {
-  return std::abs(d.z) > std::max(std::abs(d.x), std::abs(d.y));
-}
-
 /// Directions in which beams are scattered first: more, as a narrow beam is seen from few of any.
 const std::vector<dvec3>& beam_directions() {
   static const std::vector<dvec3> all = spiral_of_directions(kBeamDirections);
   return all;
-}
-
-/// The bundle that a direction is swept in: its largest component and the sign of that.
-size_t bundle_of(const dvec3& d) {
-  int axis = std::abs(d.y) > std::abs(d.x) ? 1 : 0;
-  if (lies(d)) axis = 2;
-  return static_cast<size_t>(2 * axis + (d[axis] > 0 ? 1 : 0));
 }
 
 }  // namespace
@@ -46,6 +34,12 @@ size_t bundle_of(const dvec3& d) {
 const std::vector<dvec3>& ScatteringSolver::directions() {
   static const std::vector<dvec3> all = spiral_of_directions(kDirections);
   return all;
+}
+
+size_t ScatteringSolver::bundle_of(const dvec3& direction) const {
+  const dvec3 d = glm::abs(direction) / lattice_.flat;
+  const int axis = d.z > std::max(d.x, d.y) ? 2 : d.y > d.x ? 1 : 0;
+  return static_cast<size_t>(2 * axis + (direction[axis] > 0 ? 1 : 0));
 }
 
 ScatteringSolver::ScatteringSolver(const Lattice& lattice, const GuideMedia& media, GuideColour colour,
@@ -148,9 +142,9 @@ ScatteringSolver::ScatteringSolver(const Lattice& lattice, const Task& task) : l
   for (NodeValues* field : {&extinction_, &scaled_, &albedo_, &linear_, &quadratic_, &cosine_})
     *field = NodeValues(lattice.size());
   for (NodeValues* field : {&y_major_extinction_, &y_major_scaled_}) *field = NodeValues(y_major_.size());
-  for (size_t k = 0; k < directions().size(); ++k) {
-    bundles_[bundle_of(directions()[k])].directions.push_back(k);
-  }
+  z_major_.width = {lattice.flat.x, lattice.flat.y, lattice.flat.z};
+  y_major_.width = {lattice.flat.z, lattice.flat.x, lattice.flat.y};
+  for (size_t k = 0; k < directions().size(); ++k) bundles_[bundle_of(directions()[k])].directions.push_back(k);
   for (size_t i = 0; i < bundles_.size(); ++i) {
     bundles_[i].y_major = i >= 4;
   }
