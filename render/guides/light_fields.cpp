@@ -24,7 +24,8 @@ constexpr double kMostNodes = 1e6, kMostNodesInDetail = 4e6;
 // most, are in the finer SunDepth.
 constexpr double kFewestAmongInstances = 1e5, kNodesTimesInstances = 1e8;
 constexpr double kHomogeneousNodes = 12, kLayerNodes = 64, kSurfaceNodes = 6;  // of a graded lattice across them
-constexpr size_t kMostRegions = 256;                                           // that are told apart
+constexpr double kUpright = 0.9999, kNearScales = 24;  // cosine of a layer's tilt; scale heights around its middle
+constexpr size_t kMostRegions = 256;                   // that are told apart
 constexpr double kGradedShare = 0.25, kMostGradedShare = 0.5;  // of the nodes of an even lattice that it has
 constexpr double kNegligible = 5e-3;                           // of all orders together, for the last one
 constexpr double kNegligibleTail = 1e-3;    // the same of what one more order changes in the sum of the last ones
@@ -108,14 +109,27 @@ std::vector<LatticeRegion> lattice_regions(const GuideMedia& media, const Lights
     const dvec3 size = r.hi - r.lo;
     r.spacing = dvec3(std::max(spacing, std::min(wanted, max_component(size) / across)));
   };
-  // Up and down as near as asked for; sideways, where light changes little in a layer, much farther apart.
+  // Up and down as near as asked for; sideways, where light changes little in a layer, much farther apart. The planes
+  // of one that is tilted cross all its heights: there only around its middle, where the eye is.
   const auto add_layer = [&](const Medium& layer, double free_path) {
     add(layer.corners(), kFar, 1);
-    LatticeRegion& r = regions.back();
-    const double sideways = std::max(kFreePathsPerNode * free_path, max_component(r.hi - r.lo) / kLayerNodes);
-    const dvec3 up = glm::normalize(layer.gradient_to_world(layer.homogeneous()->falloff->slope));
+    LatticeRegion& all = regions.back();
+    const double sideways = std::max(kFreePathsPerNode * free_path, max_component(all.hi - all.lo) / kLayerNodes);
+    const dvec3 slope = layer.gradient_to_world(layer.homogeneous()->falloff->slope);
+    const double steepness = glm::length(slope);
+    const dvec3 up = glm::abs(slope) / steepness;
+    LatticeRegion near = all;
     for (int a = 0; a < 3; ++a)
-      r.spacing[a] = std::max(spacing, std::min(sideways, spacing / std::max(std::abs(up[a]), 1e-9)));
+      near.spacing[a] = std::max(spacing, std::min(sideways, spacing / std::max(up[a], 1e-9)));
+    if (max_component(up) < kUpright) {
+      all.spacing = dvec3(std::max(spacing, sideways));
+      const dvec3 middle = 0.5 * (all.lo + all.hi);
+      near.lo = glm::max(all.lo, middle - kNearScales / steepness);
+      near.hi = glm::min(all.hi, middle + kNearScales / steepness);
+      regions.push_back(near);
+    } else {
+      all = near;
+    }
   };
   for (const Medium& m : media.media()) {
     const double free_path = 1 / (m.maximum_density() * in_colour(m.coefficients().sigma_t, kGrey));
