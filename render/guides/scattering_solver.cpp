@@ -20,8 +20,9 @@ constexpr double kLeastQuadratic = 0.25;
 constexpr int kBeamDirections = 96;
 constexpr size_t kTogether = 4;
 constexpr double kPeakMeanCosine = 0.75;
-constexpr int kMostLines = 8;  // along which a cell's media are looked up, across each axis
-constexpr int kNear = 4;       // nodes around the media in which light that has left them is followed
+constexpr int kMostLines = 8;         // along which a cell's media are looked up, across each axis
+constexpr double kMostOfRow = 32768;  // look-ups of a row, in spacings along all of its lines
+constexpr int kNear = 4;              // nodes around the media in which light that has left them is followed
 
 /// Directions in which beams are scattered first: more, as a narrow beam is seen from few of any.
 const std::vector<dvec3>& beam_directions() {
@@ -52,6 +53,8 @@ ScatteringSolver::ScatteringSolver(const Lattice& lattice, const GuideMedia& med
   const LaneMedia lanes(media, colour);
   const bool even = lanes.even();
   const int last = static_cast<int>(lattice.last_place().z);
+  const int most_lines = std::clamp(static_cast<int>(std::sqrt(kMostOfRow / static_cast<double>(last))), inner,
+                                    std::max(inner, kMostLines));
   fill([&](int x, int y, std::vector<NodeMedia>& row) {
     static thread_local std::vector<std::pair<double, double>> parts;
     static thread_local std::vector<float> extinctions;
@@ -62,7 +65,7 @@ ScatteringSolver::ScatteringSolver(const Lattice& lattice, const GuideMedia& med
     const dvec3 cell(along_x.x + along_x.y, along_y.x + along_y.y, 1), before(along_x.x, along_y.x, 0.5);
     // Wide cells have more lines.
     const auto lines = [&](double width) {
-      return std::clamp(static_cast<int>(std::lround(inner * width)), inner, kMostLines);
+      return std::clamp(static_cast<int>(std::lround(inner * width)), inner, most_lines);
     };
     const int lines_x = lines(cell.x), lines_y = lines(cell.y);
     for (int k = 0; k < lines_x * lines_y; ++k) {
