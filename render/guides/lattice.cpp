@@ -26,7 +26,7 @@ Lattice Lattice::over(const dvec3& lo, const dvec3& hi, double spacing, size_t m
 namespace {
 
 constexpr double kGrowth = 0.75;  // of a cell's width with its distance from what wants narrow ones
-constexpr int kWidest = 64;       // spacings
+constexpr int kWidest = 256;      // spacings
 constexpr double kOff = 0.25;     // of a spacing that no plane lies on the box's sides
 
 /// Planes over a part of an axis from 0 to `length`, with a pair of cells before it and behind it.
@@ -77,7 +77,7 @@ std::optional<Lattice> Lattice::graded(const dvec3& lo, const dvec3& hi, std::sp
         for (const LatticeRegion& r : regions) {
           const double first = kOff + (r.lo[a] - lo[a]) / lattice.spacing;
           const double last = kOff + (r.hi[a] - lo[a]) / lattice.spacing;
-          least = std::min(least, r.spacing / spacing + kGrowth * std::max({0.0, first - to, from - last}));
+          least = std::min(least, r.spacing[a] / spacing + kGrowth * std::max({0.0, first - to, from - last}));
         }
         return least;
       };
@@ -89,6 +89,9 @@ std::optional<Lattice> Lattice::graded(const dvec3& lo, const dvec3& hi, std::sp
     }
     if (nodes > static_cast<double>(most_nodes)) continue;
     lattice.planes = std::make_shared<const std::array<LatticePlanes, 3>>(std::move(planes));
+    if (std::any_of(regions.begin(), regions.end(),
+                    [](const LatticeRegion& r) { return r.spacing != dvec3(r.spacing.x); }))
+      lattice.flat = lattice.last_place() / dvec3(lattice.n - 1);
     return lattice;
   }
   return {};

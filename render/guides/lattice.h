@@ -24,10 +24,9 @@ struct LatticePlanes {
   double index(double at) const;
 };
 
-/// A part of the world in which the nodes of a lattice are wanted no farther apart.
+/// A part of the world in which the nodes of a lattice are wanted no farther apart along each axis.
 struct LatticeRegion {
-  dvec3 lo{0}, hi{0};
-  double spacing = 1;
+  dvec3 lo{0}, hi{0}, spacing{1};
 };
 
 /// Nodes on a lattice along the world's axes, laid out for sweeps: x slowest, z fastest, rows padded to whole vectors.
@@ -36,9 +35,10 @@ struct LatticeRegion {
 struct Lattice {
   static constexpr int kVector = 16;  ///< floats; rows are a multiple of it
 
-  dvec3 origin{0};                                             ///< of node (0, 0, 0), the renderer's world space
-  double spacing = 1;                                          ///< of its nearest nodes
-  ivec3 n{0};                                                  ///< nodes along each axis, the border included
+  dvec3 origin{0};     ///< of node (0, 0, 0), the renderer's world space
+  double spacing = 1;  ///< of its nearest nodes
+  ivec3 n{0};          ///< nodes along each axis, the border included
+  dvec3 flat{1};       ///< how wide cells are along each axis as a whole, where regions wanted unlike widths
   std::shared_ptr<const std::array<LatticePlanes, 3>> planes;  ///< null: evenly spaced
 
   static int padded(int count) { return (count + kVector - 1) / kVector * kVector; }

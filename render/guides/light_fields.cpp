@@ -23,8 +23,9 @@ constexpr double kMostNodes = 1e6, kMostNodesInDetail = 4e6;
 // Around instances alone: the more of them, the less a lattice around all can tell of each. Their shadows, which show
 // most, are in the finer SunDepth.
 constexpr double kFewestAmongInstances = 1e5, kNodesTimesInstances = 1e8;
-constexpr double kHomogeneousNodes = 12, kSurfaceNodes = 6;    // of a graded lattice across them, at least
-constexpr size_t kMostRegions = 256;                           // that are told apart
+constexpr double kHomogeneousNodes = 12, kLayerNodes = 64, kSurfaceNodes = 6;  // of a graded lattice across them
+constexpr double kUpright = 0.9999, kNearScales = 24;  // cosine of a layer's tilt; scale heights around its middle
+constexpr size_t kMostRegions = 256;                   // that are told apart
 constexpr double kGradedShare = 0.25, kMostGradedShare = 0.5;  // of the nodes of an even lattice that it has
 constexpr double kNegligible = 5e-3;                           // of all orders together, for the last one
 constexpr double kNegligibleTail = 1e-3;    // the same of what one more order changes in the sum of the last ones
@@ -91,7 +92,7 @@ bool lamps_alone(const GuideMedia& media, const Lights& lights, const SkyParts& 
 LatticeRegion all_of(std::span<const LatticeRegion> regions) {
   LatticeRegion all = regions.front();
   for (const LatticeRegion& r : regions)
-    all = {glm::min(all.lo, r.lo), glm::max(all.hi, r.hi), std::min(all.spacing, r.spacing)};
+    all = {glm::min(all.lo, r.lo), glm::max(all.hi, r.hi), glm::min(all.spacing, r.spacing)};
   return all;
 }
 
@@ -100,18 +101,42 @@ std::vector<LatticeRegion> lattice_regions(const GuideMedia& media, const Lights
                                            double spacing) {
   std::vector<LatticeRegion> regions;
   const auto add = [&](std::span<const dvec3> corners, double wanted, double across) {
-    LatticeRegion& r = regions.emplace_back(LatticeRegion{corners[0], corners[0], 0});
+    LatticeRegion& r = regions.emplace_back(LatticeRegion{corners[0], corners[0], dvec3(0)});
     for (const dvec3& p : corners) {
       r.lo = glm::min(r.lo, p);
       r.hi = glm::max(r.hi, p);
     }
     const dvec3 size = r.hi - r.lo;
-    r.spacing = std::max(spacing, std::min(wanted, std::max({size.x, size.y, size.z}) / across));
+    r.spacing = dvec3(std::max(spacing, std::min(wanted, max_component(size) / across)));
+  };
+  // Up and down as near as asked for; sideways, where light changes little in a layer, much farther apart. The planes
+  // of one that is tilted cross all its heights: there only around its middle, where the eye is.
+  const auto add_layer = [&](const Medium& layer, double free_path) {
+    add(layer.corners(), kFar, 1);
+    LatticeRegion& all = regions.back();
+    const double sideways = std::max(kFreePathsPerNode * free_path, max_component(all.hi - all.lo) / kLayerNodes);
+    const dvec3 slope = layer.gradient_to_world(layer.homogeneous()->falloff->slope);
+    const double steepness = glm::length(slope);
+    const dvec3 up = glm::abs(slope) / steepness;
+    LatticeRegion near = all;
+    for (int a = 0; a < 3; ++a)
+      near.spacing[a] = std::max(spacing, std::min(sideways, spacing / std::max(up[a], 1e-9)));
+    if (max_component(up) < kUpright) {
+      all.spacing = dvec3(std::max(spacing, sideways));
+      const dvec3 middle = 0.5 * (all.lo + all.hi);
+      near.lo = glm::max(all.lo, middle - kNearScales / steepness);
+      near.hi = glm::min(all.hi, middle + kNearScales / steepness);
+      regions.push_back(near);
+    } else {
+      all = near;
+    }
   };
   for (const Medium& m : media.media()) {
     const double free_path = 1 / (m.maximum_density() * in_colour(m.coefficients().sigma_t, kGrey));
-    if (m.homogeneous())
-      add(m.corners(), m.falls_off() ? spacing : kFreePathsPerNode * free_path, kHomogeneousNodes);
+    if (m.falls_off())
+      add_layer(m, free_path);
+    else if (m.homogeneous())
+      add(m.corners(), kFreePathsPerNode * free_path, kHomogeneousNodes);
     else
       add(m.corners(), spacing / media.voxel() * m.voxel_size(), 1);
   }
@@ -129,13 +154,15 @@ std::vector<LatticeRegion> lattice_regions(const GuideMedia& media, const Lights
 /// fewer nodes, as close where it has fewer; else nothing.
 std::optional<Lattice> graded_lattice(const GuideMedia& media, const Lights& lights, const Surfaces* surfaces,
                                       double wanted, const Lattice& even) {
-  if (media.media().size() + media.emissions().size() < 2 || media.instances()) return {};
+  const bool layers =
+      std::any_of(media.media().begin(), media.media().end(), [](const Medium& m) { return m.falls_off(); });
+  if (!layers && (media.media().size() + media.emissions().size() < 2 || media.instances())) return {};
   const double nodes = static_cast<double>(even.n.x) * even.n.y * even.n.z;
   const auto graded = [&](double spacing, double share) {
     return Lattice::graded(media.lo(), media.hi(), lattice_regions(media, lights, surfaces, spacing), spacing,
                            even.spacing, static_cast<size_t>(share * nodes));
   };
-  const std::optional<Lattice> closer = graded(wanted, kGradedShare);
+  const std::optional<Lattice> closer = graded(wanted, layers ? 1.0 : kGradedShare);
   return closer ? closer : graded(even.spacing, kMostGradedShare);
 }
 

@@ -15,6 +15,9 @@ class ProbeGrid {
 
   int count() const { return n_.x * n_.y * n_.z; }
   dvec3 at(int probe) const;
+  const dvec3& spacing() const { return spacing_; }
+  /// The nearest place between the outermost probes.
+  dvec3 inside(const dvec3& world) const { return glm::clamp(world, at(0), at(count() - 1)); }
 
   /// Eight probes and their weights, of sum 1.
   struct Around {

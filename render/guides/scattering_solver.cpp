@@ -20,13 +20,9 @@ constexpr double kLeastQuadratic = 0.25;
 constexpr int kBeamDirections = 96;
 constexpr size_t kTogether = 4;
 constexpr double kPeakMeanCosine = 0.75;
-constexpr int kMostLines = 8;  // along which a cell's media are looked up, across each axis
-constexpr int kNear = 4;       // nodes around the media in which light that has left them is followed
-
-/// Whether a direction is swept along z, in arrays that have it slowest.
-bool lies(const dvec3& d) {
-  return std::abs(d.z) > std::max(std::abs(d.x), std::abs(d.y));
-}
+constexpr int kMostLines = 8;         // along which a cell's media are looked up, across each axis
+constexpr double kMostOfRow = 32768;  // look-ups of a row, in spacings along all of its lines
+constexpr int kNear = 4;              // nodes around the media in which light that has left them is followed
 
 /// Directions in which beams are scattered first: more, as a narrow beam is seen from few of any.
 const std::vector<dvec3>& beam_directions() {
@@ -34,18 +30,17 @@ const std::vector<dvec3>& beam_directions() {
   return all;
 }
 
-/// The bundle that a direction is swept in: its largest component and the sign of that.
-size_t bundle_of(const dvec3& d) {
-  int axis = std::abs(d.y) > std::abs(d.x) ? 1 : 0;
-  if (lies(d)) axis = 2;
-  return static_cast<size_t>(2 * axis + (d[axis] > 0 ? 1 : 0));
-}
-
 }  // namespace
 
 const std::vector<dvec3>& ScatteringSolver::directions() {
   static const std::vector<dvec3> all = spiral_of_directions(kDirections);
   return all;
+}
+
+size_t ScatteringSolver::bundle_of(const dvec3& direction) const {
+  const dvec3 d = glm::abs(direction) / lattice_.flat;
+  const int axis = d.z > std::max(d.x, d.y) ? 2 : d.y > d.x ? 1 : 0;
+  return static_cast<size_t>(2 * axis + (direction[axis] > 0 ? 1 : 0));
 }
 
 ScatteringSolver::ScatteringSolver(const Lattice& lattice, const GuideMedia& media, GuideColour colour,
@@ -58,6 +53,8 @@ ScatteringSolver::ScatteringSolver(const Lattice& lattice, const GuideMedia& med
   const LaneMedia lanes(media, colour);
   const bool even = lanes.even();
   const int last = static_cast<int>(lattice.last_place().z);
+  const int most_lines = std::clamp(static_cast<int>(std::sqrt(kMostOfRow / static_cast<double>(last))), inner,
+                                    std::max(inner, kMostLines));
   fill([&](int x, int y, std::vector<NodeMedia>& row) {
     static thread_local std::vector<std::pair<double, double>> parts;
     static thread_local std::vector<float> extinctions;
@@ -68,7 +65,7 @@ ScatteringSolver::ScatteringSolver(const Lattice& lattice, const GuideMedia& med
     const dvec3 cell(along_x.x + along_x.y, along_y.x + along_y.y, 1), before(along_x.x, along_y.x, 0.5);
     // Wide cells have more lines.
     const auto lines = [&](double width) {
-      return std::clamp(static_cast<int>(std::lround(inner * width)), inner, kMostLines);
+      return std::clamp(static_cast<int>(std::lround(inner * width)), inner, most_lines);
     };
     const int lines_x = lines(cell.x), lines_y = lines(cell.y);
     for (int k = 0; k < lines_x * lines_y; ++k) {
@@ -148,9 +145,9 @@ ScatteringSolver::ScatteringSolver(const Lattice& lattice, const Task& task) : l
   for (NodeValues* field : {&extinction_, &scaled_, &albedo_, &linear_, &quadratic_, &cosine_})
     *field = NodeValues(lattice.size());
   for (NodeValues* field : {&y_major_extinction_, &y_major_scaled_}) *field = NodeValues(y_major_.size());
-  for (size_t k = 0; k < directions().size(); ++k) {
-    bundles_[bundle_of(directions()[k])].directions.push_back(k);
-  }
+  z_major_.width = {lattice.flat.x, lattice.flat.y, lattice.flat.z};
+  y_major_.width = {lattice.flat.z, lattice.flat.x, lattice.flat.y};
+  for (size_t k = 0; k < directions().size(); ++k) bundles_[bundle_of(directions()[k])].directions.push_back(k);
   for (size_t i = 0; i < bundles_.size(); ++i) {
     bundles_[i].y_major = i >= 4;
   }

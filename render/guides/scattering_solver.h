@@ -231,6 +231,8 @@ class ScatteringSolver {
     for (int i = 0; i < count; ++i) one(i);
     task_.check();
   }
+  /// The bundle that a direction is swept in: its largest component, in widths of a cell, and the sign of that.
+  size_t bundle_of(const dvec3& direction) const;
   std::vector<SweepBeam> beams(const Bundle& bundle) const;
   /// Of some directions that are swept together in it.
   std::vector<SweepBeam> beams(const Bundle& bundle, const std::vector<dvec3>& along) const;

@@ -64,27 +64,43 @@ SurfaceLight::SurfaceLight(const GuideMedia& media, const Surfaces& surfaces, co
   find_sky_seen();
 }
 
+// Of media that reach far around all surfaces, where these send them any light to speak of.
+std::pair<dvec3, dvec3> SurfaceLight::lit_box(const GuideMedia& media) {
+  constexpr double kFarAround = 2, kReach = 1.5;  // times as large; sizes of what holds all surfaces
+  dvec3 lo(kFar), hi(-kFar);
+  for (const SurfacePoints::Point& point : points_.points()) {
+    lo = glm::min(lo, point.p);
+    hi = glm::max(hi, point.p);
+  }
+  const double size = max_component(hi - lo);
+  lo = glm::max(media.lo(), lo - kReach * size);
+  hi = glm::min(media.hi(), hi + kReach * size);
+  far_around_ =
+      glm::all(glm::lessThan(lo, hi)) && max_component(media.hi() - media.lo()) > kFarAround * max_component(hi - lo);
+  return far_around_ ? std::pair(lo, hi) : std::pair(media.lo(), media.hi());
+}
+
 void SurfaceLight::place_probes(const GuideMedia& media, const AmbientLight& nodes) {
   const Lattice& lattice = nodes.lattice();
+  const auto [lo, hi] = lit_box(media);
   for (const int across : kProbesAcross) {
     // In the middle of cells: no probe stands on a floor below the media.
-    grid_ = ProbeGrid(media.lo(), media.hi(), across);
+    grid_ = ProbeGrid(lo, hi, across);
     probe_.assign(static_cast<size_t>(grid_.count()), -1);
     for (int x = 0; x < lattice.n.x; ++x)
       for (int y = 0; y < lattice.n.y; ++y)
         for (int z = 0; z < lattice.n.z; ++z) {
           if (!(nodes.extinction(x, y, z) > 0)) continue;
-          // Of cubes of a spacing that make up the cell.
-          const dvec3 cell = lattice.cell(x, y, z), cubes = glm::ceil(cell);
-          for (double i = 0; i < cubes.x; ++i)
-            for (double j = 0; j < cubes.y; ++j)
-              for (double k = 0; k < cubes.z; ++k)
-                for (const double corner : {0.0, 1.0})
-                  for (const int probe : grid_
-                                             .around(lattice.node(x, y, z) +
-                                                     lattice.spacing * cell * ((dvec3(i, j, k) + corner) / cubes - 0.5))
-                                             .probe)
-                    probe_[static_cast<size_t>(probe)] = 0;
+          const dvec3 middle = lattice.node(x, y, z), half = 0.5 * lattice.spacing * lattice.cell(x, y, z);
+          const dvec3 first = grid_.inside(middle - half), last = grid_.inside(middle + half);
+          // Steps from probe to probe, but no more of them than spacings.
+          const dvec3 steps =
+              glm::clamp(glm::ceil((last - first) / grid_.spacing()), dvec3(1), glm::ceil(lattice.cell(x, y, z)));
+          for (double i = 0; i <= steps.x; ++i)
+            for (double j = 0; j <= steps.y; ++j)
+              for (double k = 0; k <= steps.z; ++k)
+                for (const int probe : grid_.around(first + (last - first) * dvec3(i, j, k) / steps).probe)
+                  probe_[static_cast<size_t>(probe)] = 0;
         }
     if (static_cast<size_t>(std::count(probe_.begin(), probe_.end(), 0)) <= kMostProbes) break;
   }
@@ -135,13 +151,16 @@ void SurfaceLight::find_sky_seen() {
       sky_seen_[b] += share / static_cast<double>(sky_seen_at_.size());
     }
   }
-  double sum = 0, apart = 0;
-  for (const SkySeen& seen : sky_seen_at_)
-    for (size_t b = 0; b < bins.size(); ++b) {
-      sum += sky_seen_[b];
-      apart += std::abs(seen[b] - sky_seen_[b]);
-    }
-  sky_seen_unevenly_ = apart > kUneven * sum;
+  double sum = 0, apart = 0, farthest = 0;
+  for (const double share : sky_seen_) sum += share;
+  for (const SkySeen& seen : sky_seen_at_) {
+    double own = 0;
+    for (size_t b = 0; b < bins.size(); ++b) own += std::abs(seen[b] - sky_seen_[b]);
+    apart += own / static_cast<double>(sky_seen_at_.size());
+    farthest = std::max(farthest, own);
+  }
+  // Where media reach far around surfaces, few of the probes are near them, but much of what is seen is.
+  sky_seen_unevenly_ = (far_around_ ? farthest : apart) > kUneven * sum;
 }
 
 SurfaceLight::SkySeen SurfaceLight::sky_seen(const dvec3& world) const {

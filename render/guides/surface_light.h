@@ -1,6 +1,7 @@
 #pragma once
 #include <array>
 #include <span>
+#include <utility>
 #include <vector>
 
 #include "base/progress.h"
@@ -98,6 +99,7 @@ class SurfaceLight {
   /// Calls visit(probe, weight), of sum 1, for the probes around a place.
   template <class Visit>
   void each_probe(const dvec3& world, const Visit& visit) const;
+  std::pair<dvec3, dvec3> lit_box(const GuideMedia& media);
   void find_sky_seen();
   void find_bright(const std::vector<dvec3>& radiosity);
   Radiosity black() const;
@@ -120,8 +122,8 @@ class SurfaceLight {
   std::vector<double> looked_at_;  // rays towards each point, per area around it; 0: it is not bright
   std::vector<size_t> bright_;     // points that there are such rays towards
   SkySeen sky_seen_{};
-  std::vector<SkySeen> sky_seen_at_;  // each probe
-  bool sky_seen_unevenly_ = false;
+  std::vector<SkySeen> sky_seen_at_;                     // each probe
+  bool sky_seen_unevenly_ = false, far_around_ = false;  // far_around_: media reach far around all surfaces
 };
 
 }  // namespace brume

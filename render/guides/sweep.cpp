@@ -170,7 +170,9 @@ class Sweep {
         beams_(beams),
         moments_(moments),
         adds_(adds),
-        along_(std::abs(beams[0].direction[0]) >= std::abs(beams[0].direction[1]) ? 0 : 1),
+        along_(std::abs(beams[0].direction[0]) * domain.width[1] >= std::abs(beams[0].direction[1]) * domain.width[0]
+                   ? 0
+                   : 1),
         sign_(beams[0].direction[along_] > 0 ? 1 : -1) {
     const size_t plane = static_cast<size_t>(domain.n[1 - along_]) * domain.row;
     border_.assign(plane + 2 * Lattice::kVector, 0.0f);

@@ -20,6 +20,7 @@ struct SweepDomain {
   std::array<int, 3> n{};
   int row = 0;  ///< floats from one row of the last axis to the next; a multiple of Lattice::kVector
   std::array<const float*, 3> places{};  ///< of each axis' nodes, in spacings; null: one apart
+  std::array<double, 3> width{1, 1, 1};  ///< of a cell along each axis, as a whole
   const SweepRow* rows = nullptr;  ///< of each row, the first axis slowest; null: everything. Elsewhere nothing changes
   const SweepRow* kept = nullptr;  ///< where results are wanted; null: all of them
   size_t size() const { return static_cast<size_t>(n[0]) * n[1] * row + 2 * Lattice::kVector; }
@@ -45,7 +46,8 @@ struct SweepMedia {
 /// two planes a ray is attenuated by the mean extinction at its ends and gains the mean source. Over many planes a
 /// narrow beam is widened by the interpolation, as the method does. All beams go through a plane together.
 ///
-/// @param beams    of their components the same one of the first two must be the largest, of the same sign
+/// @param beams    the same one of their first two components must be the largest, in widths of a cell, of the same
+/// sign
 /// @param moments  none, 4 or 9: for each the sum over the beams of its factor times radiance, of domain.size() floats
 /// @param adds     moments are added to what is there
 /// Results are written where they are wanted, but for the border: the first plane and the last, first row and last.

@@ -6,13 +6,13 @@
 #include <tuple>
 
 #include "base/error.h"
-#include "render/scene/instance_files.h"
-#include "render/world/atmosphere_sky.h"
+#include "image/color_space.h"
 #include "render/world/everywhere.h"
+#include "render/world/volume_checks.h"
 #include "render/world/volume_fields.h"
+#include "render/world/volume_places.h"
 #include "volume/array_volume.h"
 #include "volume/detail_flow.h"
-#include "volume/majorant_cost.h"
 #include "volume/volume_grids.h"
 
 namespace brume {
@@ -62,102 +62,10 @@ EmissionRamp fire_ramp(const VolumeSettings& v) {
 
 }  // namespace
 
-/// A scene's volumes and where they stand. Those that cannot share all that a medium is with their instances stand
-/// there as so many volumes.
-struct SceneMedia::Places {
-  explicit Places(const Scene& scene) : world(scene) {
-    if (scene.instances.empty()) {
-      for (size_t i = 0; i < scene.volumes.size(); ++i) volume.push_back(i);
-      instances.resize(scene.volumes.size());
-      lists.resize(scene.volumes.size());
-      add_air(scene);
-      return;
-    }
-    world.volumes.clear();
-    for (size_t i = 0; i < scene.volumes.size(); ++i) add(scene, i);
-    add_air(scene);
-  }
-
-  Scene world;
-  std::vector<size_t> volume;              ///< by volume of the world: its number in the scene
-  std::vector<InstanceList> instances;     ///< likewise; without matrices: the volume stands at its own place
-  std::vector<std::vector<size_t>> lists;  ///< likewise: of each of those places, or of a copy, the number of its list
-
- private:
-  static constexpr size_t kMostCopies = 256;
-
-  void add_air(const Scene& scene) {
-    size_t number = scene.volumes.size();
-    for (const VolumeSettings& v : air_of(scene)) add(v, number++);
-  }
-
-  void add(const Scene& scene, size_t i) {
-    const VolumeSettings& v = scene.volumes[i];
-    InstanceList all;
-    std::vector<size_t> own;
-    for (size_t k = 0; k < scene.instances.size(); ++k) {
-      if (static_cast<size_t>(scene.instances[k].volume) != i) continue;
-      const InstanceList some = places_of(scene.instances[k], fmt::format("instances.{}", k));
-      if (!some.time_offsets.empty()) refuse_time_offsets(k);
-      all.matrices.insert(all.matrices.end(), some.matrices.begin(), some.matrices.end());
-      all.densities.insert(all.densities.end(), some.densities.begin(), some.densities.end());
-      all.tints.insert(all.tints.end(), some.tints.begin(), some.tints.end());
-      own.insert(own.end(), some.matrices.size(), k);
-    }
-    for (size_t k = 0; k < all.tints.size(); ++k)
-      if (const double highest = max_component(v.albedo * all.tints[k]); highest > 1 + 1e-9)
-        throw InputError(fmt::format(
-            "volumes.{}: the tint of its instance {} makes an albedo of {:.6g}; expected at most 1", i, k, highest));
-    const std::string why = why_copies(v, scene);
-    if (all.matrices.empty() || why.empty()) {
-      add(v, i).instances.back() = std::move(all);
-      lists.back() = std::move(own);
-      return;
-    }
-    if (all.matrices.size() > kMostCopies)
-      throw InputError(fmt::format(
-          "volumes.{}: it {}, and stands at {} places; expected at most {} of such a volume, or one that does not", i,
-          why, all.matrices.size(), kMostCopies));
-    for (size_t k = 0; k < all.matrices.size(); ++k) {
-      VolumeSettings copy = v;
-      copy.object_to_world = all.matrices[k] * v.object_to_world;
-      if (v.object_to_world_end != dmat4(0.0)) copy.object_to_world_end = all.matrices[k] * v.object_to_world_end;
-      copy.sigma_t *= all.densities[k];
-      copy.emission *= all.densities[k];
-      copy.albedo *= all.tints[k];
-      add(copy, i).lists.back() = {own[k]};
-    }
-  }
-  /// Those of sequences are gone by now: such places stand in volumes of their own frame.
-  [[noreturn]] static void refuse_time_offsets(size_t entry) {
-    throw InputError(fmt::format(
-        "instances.{}: its places have time offsets, and its volume no table time; expected that of a sequence",
-        entry));
-  }
-  Places& add(const VolumeSettings& v, size_t number) {
-    world.volumes.push_back(v);
-    volume.push_back(number);
-    instances.emplace_back();
-    lists.emplace_back();
-    return *this;
-  }
-  /// Empty where instances of a volume are places of one medium.
-  static std::string why_copies(const VolumeSettings& v, const Scene& scene) {
-    const bool blurred = scene.camera.shutter.y > scene.camera.shutter.x;
-    if (v.emission != dvec3(0)) return "emits (emission)";
-    if (v.temperature_grid != "none") return "emits (temperature_grid)";
-    if (v.flame_grid != "none") return "emits (flame_grid)";
-    if (v.sigma_t.x != v.sigma_t.y || v.sigma_t.x != v.sigma_t.z) return "has an extinction with a colour (sigma_t)";
-    if (blurred && v.velocity_grid != "none") return "is blurred by its velocity (velocity_grid)";
-    if (blurred && v.object_to_world_end != dmat4(0.0)) return "moves over the shutter (object_to_world_end)";
-    return "";
-  }
-};
-
 /// One volume of a scene on its way from its settings to media and emissions.
 class SceneMedia::Loader {
  public:
-  Loader(SceneMedia& into, const Places& places, size_t i, const Task& task)
+  Loader(SceneMedia& into, const VolumePlaces& places, size_t i, const Task& task)
       : into_(into),
         v_(places.world.volumes[i]),
         places_(places.instances[i]),
@@ -195,8 +103,8 @@ class SceneMedia::Loader {
     if (fresh_)
       for (ScalarField* field : {&volume_->density, &volume_->temperature, &volume_->flame})
         field->bricks = field->bricks.recut(cell_size_for(field->bricks), task_);
-    check_majorants();
-    check_range(volume_->density);
+    check_flights();
+    check_range(volume_->density, named_);
   }
 
  private:
@@ -327,44 +235,13 @@ class SceneMedia::Loader {
                                     EmissionRamp::of_colours({{0.0, dvec3(0)}, {highest, v_.emission * highest}}, 1.0));
   }
 
-  /// Refuses numbers that single precision cannot multiply.
-  void check_range(const ScalarField& field) const {
-    constexpr double kLeast = 1e-30, kMost = 1e30;
-    const double highest = field.bricks.maximum();
-    if (field.bricks.empty() || (highest >= kLeast && highest <= kMost)) return;
-    throw InputError(fmt::format(
-        "{}: grid '{}' holds values up to {:.3g}; expected its largest value within {:.0e} .. {:.0e}: another unit, or damage",
-        named_, field.summary.name, highest, kLeast, kMost));
-  }
-  void check_depth(const Medium& medium) const {
-    constexpr double kMost = 1e30;
-    const double depth =
-        medium.extinction_per_density() * medium.maximum_density() * 2 * medium.bounding_sphere().radius;
-    if (depth <= kMost) return;
-    throw InputError(fmt::format(
-        "{}: sigma_t = {:.3g} on densities up to {:.3g} makes an optical depth of {:.3g}; expected at most {:.0e}",
-        named_, medium.extinction_per_density(), medium.maximum_density(), depth, kMost));
-  }
-
-  /// Says before anything is rendered where flights would take very long, and refuses where they would never end.
-  void check_majorants() {
-    constexpr double kSlow = 1e6, kEndless = 1e12;  // tentative collisions; a core takes some ten million a second
-    Medium medium = into_.media_.empty() ? Medium() : into_.media_.back().thickest();
+  /// Says before anything is rendered where flights would take very long.
+  void check_flights() {
+    if (into_.media_.empty()) return;
+    Medium medium = into_.media_.back().thickest();
     if (medium.empty() || medium.homogeneous() || &medium.bricks() != &volume_->density.bricks) return;
     medium.set_majorants(scene_.render.majorant_scale, scene_.render.majorants == "global");
-    const double most = most_tentative_collisions(medium);
-    if (!(most > kSlow)) return check_depth(medium);
-    const auto q = density_quantiles(volume_->density.bricks, {0.5, 0.99, 0.9999});
-    const bool few = q.at(2) < 0.1 * medium.maximum_density();  // so large that they may be damage
-    const std::string text = fmt::format(
-        "{}: grid '{}' holds densities up to {:.3g}: a flight through one cell may take {:.1g} steps{}; half of its positive voxels are at most {:.3g}, 99 % {:.3g}, 99.99 % {:.3g}; {}",
-        named_, volume_->density.summary.name, medium.maximum_density(), most,
-        most > kEndless ? ", which never ends" : ", and the render be slow", q.at(0), q.at(1), q.at(2),
-        few ? fmt::format("if the rest is damage, limit it: -D volumes.{}.max_density={:.3g}", number_, q.at(2))
-            : "expected a smaller sigma_t or density");
-    if (most > kEndless) throw InputError(text);
-    check_depth(medium);
-    note(text);
+    if (const auto slow = flights_note(medium, volume_->density.summary.name, named_, number_)) note(*slow);
   }
 
   void load_colour_into(Medium& medium) {
@@ -449,7 +326,7 @@ class SceneMedia::Loader {
     read_into(temperature,
               [&] { return v_.grids && v_.grids->temperature ? *v_.grids->temperature : fields_.temperature(); });
     if (temperature.bricks.empty()) return;
-    check_range(temperature);
+    check_range(temperature, named_);
     count("temperature", temperature.bricks.bytes());
     const double highest = temperature.bricks.maximum();
     const double kelvin = v_.temperature_offset + v_.temperature_scale * highest;
@@ -483,7 +360,7 @@ class SceneMedia::Loader {
   void load_flame() {
     ScalarField& flame = volume_->flame;
     read_into(flame, [&] { return v_.grids && v_.grids->flame ? *v_.grids->flame : fields_.flame(); });
-    check_range(flame);
+    check_range(flame, named_);
     count("flame", flame.bricks.bytes());
     add_emission(flame, volume_->flame_displacement, fire_ramp(v_));
   }
@@ -504,7 +381,7 @@ class SceneMedia::Loader {
 };
 
 SceneMedia::SceneMedia(const Scene& scene, const Task& task) {
-  const Places places(scene);
+  const VolumePlaces places(scene);
   for (size_t i = 0; i < places.volume.size(); ++i) {
     Loader(*this, places, i, task).load();
     emission_volumes_.resize(emissions_.size(), places.volume[i]);

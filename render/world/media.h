@@ -43,7 +43,6 @@ class SceneMedia {
 
  private:
   struct Volume;
-  struct Places;
   class Loader;
 
   // Fields sit behind pointers: media refer to them.
