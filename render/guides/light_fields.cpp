@@ -27,6 +27,7 @@ constexpr double kHomogeneousNodes = 12, kLayerNodes = 64, kSurfaceNodes = 6;  /
 constexpr double kUpright = 0.9999, kNearScales = 24;  // cosine of a layer's tilt; scale heights around its middle
 constexpr size_t kMostRegions = 256;                   // that are told apart
 constexpr double kGradedShare = 0.25, kMostGradedShare = 0.5;  // of the nodes of an even lattice that it has
+constexpr double kMuchCloser = 0.5;                            // spacing over that of the even one
 constexpr double kNegligible = 5e-3;                           // of all orders together, for the last one
 constexpr double kNegligibleTail = 1e-3;    // the same of what one more order changes in the sum of the last ones
 constexpr double kNegligibleAnswer = 0.02;  // the same of light that only surfaces are to be sent
@@ -150,20 +151,24 @@ std::vector<LatticeRegion> lattice_regions(const GuideMedia& media, const Lights
   return regions.size() > kMostRegions ? std::vector{all_of(regions)} : regions;
 }
 
-/// With wide cells where media of closed form reach far around the others: closer than an even lattice where it has far
-/// fewer nodes, as close where it has fewer; else nothing.
+/// With wide cells where media of closed form reach far around the others, or flat ones in layers: as close as is
+/// wanted where it has far fewer nodes than an even lattice, much closer in layers for as many, as close for fewer;
+/// else nothing.
 std::optional<Lattice> graded_lattice(const GuideMedia& media, const Lights& lights, const Surfaces* surfaces,
                                       double wanted, const Lattice& even) {
   const bool layers =
       std::any_of(media.media().begin(), media.media().end(), [](const Medium& m) { return m.falls_off(); });
-  if (!layers && (media.media().size() + media.emissions().size() < 2 || media.instances())) return {};
+  const bool several = media.media().size() + media.emissions().size() > 1 && !media.instances();
+  if (!layers && !several) return {};
   const double nodes = static_cast<double>(even.n.x) * even.n.y * even.n.z;
-  const auto graded = [&](double spacing, double share) {
-    return Lattice::graded(media.lo(), media.hi(), lattice_regions(media, lights, surfaces, spacing), spacing,
-                           even.spacing, static_cast<size_t>(share * nodes));
+  const auto graded = [&](double spacing, double widest, double share) {
+    return Lattice::graded(media.lo(), media.hi(), lattice_regions(media, lights, surfaces, spacing), spacing, widest,
+                           static_cast<size_t>(share * nodes));
   };
-  const std::optional<Lattice> closer = graded(wanted, layers ? 1.0 : kGradedShare);
-  return closer ? closer : graded(even.spacing, kMostGradedShare);
+  std::optional<Lattice> found = graded(wanted, even.spacing, kGradedShare);
+  if (!found && layers) found = graded(wanted, kMuchCloser * even.spacing, 1);
+  if (!found && several) found = graded(even.spacing, even.spacing, kMostGradedShare);
+  return found;
 }
 
 /// The sum of all orders from one on, of a few that follow one another: weights of them that leave least of what the

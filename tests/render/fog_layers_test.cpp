@@ -203,6 +203,38 @@ TEST(FogLayer, IsPredictedByItsGuides) {
   }
 }
 
+// Without an end it reaches a thousand times as far as it is thick: under the sky, then under the sun alone, over a
+// floor that ends and that nothing but the fog lies beyond, thin and thick, level and tilted.
+TEST(FogLayer, WithoutAnEndIsPredictedByItsGuides) {
+  struct Case {
+    double sigma_t;
+    bool sky;
+    dvec3 up;
+  };
+  for (const Case& c :
+       {Case{0.15, true, {0, 0, 1}}, {0.15, false, {0, 0, 1}}, {0.6, true, {0, 0, 1}}, {0.15, true, {-0.2, 0.07, 1}}}) {
+    Scene s = looking({-1.8, -4.3, 1.8}, {1.9, 4.4, -0.6}, 24, 30);
+    if (c.sky) s.environment.radiance = dvec3(1);
+    LightSettings sun;
+    sun.type = "sun";
+    sun.direction = dvec3(-0.7, 0, 0.9);
+    sun.irradiance = dvec3(2);
+    if (!c.sky) s.lights.push_back(sun);
+    s.surfaces.emplace_back();
+    s.surfaces[0].file = test::source("data/meshes/floor.obj");
+    s.surfaces[0].object_to_world = test::scaling(dvec3(10));
+    s.surfaces[0].albedo = dvec3(0.4);
+    s.volumes.push_back(fog(c.sigma_t, 0.9, 0.7, 0.25));
+    s.volumes[0].g = 0.5;
+    s.volumes[0].up = {c.up.x, c.up.y, c.up.z};
+    const Layers frame =
+        PreparedScene(s, LayerRequest::of({"direct", "indirect", "guides"}, true)).render(128, 3, {}).layers;
+    const double direct = mean_of(frame, "direct"), indirect = mean_of(frame, "indirect");
+    EXPECT_NEAR(mean_of(frame, "guide.predicted_direct"), direct, 0.06 * direct) << c.sigma_t << c.sky << c.up.x;
+    EXPECT_NEAR(mean_of(frame, "guide.predicted_indirect"), indirect, 0.16 * indirect) << c.sigma_t << c.sky << c.up.x;
+  }
+}
+
 std::string wrong(const std::string& keys) {
   return test::error_of(
       [&] { parse_scene("[camera]\nposition = [0, 0, 0]\nlook_at = [0, 1, 0]\n[[volumes]]\n" + keys, "a.toml"); });
