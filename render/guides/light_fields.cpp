@@ -165,8 +165,9 @@ std::optional<Lattice> graded_lattice(const GuideMedia& media, const Lights& lig
     return Lattice::graded(media.lo(), media.hi(), lattice_regions(media, lights, surfaces, spacing), spacing, widest,
                            static_cast<size_t>(share * nodes));
   };
-  std::optional<Lattice> found = graded(wanted, even.spacing, kGradedShare);
-  if (!found && layers) found = graded(wanted, kMuchCloser * even.spacing, 1);
+  std::optional<Lattice> found;
+  if (layers) found = graded(wanted, kMuchCloser * even.spacing, 1);
+  if (!found) found = graded(wanted, even.spacing, kGradedShare);
   if (!found && several) found = graded(even.spacing, even.spacing, kMostGradedShare);
   return found;
 }
