@@ -67,7 +67,9 @@ double LatticePlanes::index(double at) const {
 std::optional<Lattice> Lattice::graded(const dvec3& lo, const dvec3& hi, std::span<const LatticeRegion> regions,
                                        double spacing, double widest, size_t most_nodes) {
   Lattice lattice;
-  for (double wider = 1; wider * spacing <= widest * (1 + 1e-9); wider *= 1.04) {
+  constexpr double kStep = 1.04;
+  double wider = 1;
+  while (wider * spacing <= widest * (1 + 1e-9)) {
     std::array<LatticePlanes, 3> planes;
     lattice.spacing = wider * spacing;
     double nodes = 1;
@@ -87,7 +89,12 @@ std::optional<Lattice> Lattice::graded(const dvec3& lo, const dvec3& hi, std::sp
       lattice.origin[a] = lo[a] - lattice.spacing * (places[2] + kOff);
       nodes *= lattice.n[a];
     }
-    if (nodes > static_cast<double>(most_nodes)) continue;
+    if (nodes > static_cast<double>(most_nodes)) {
+      // At least as much wider as would do if all cells grew with the spacing.
+      const double needed = std::log(nodes / static_cast<double>(most_nodes)) / 3;
+      for (double step = 0; step == 0 || step + 1 <= needed / std::log(kStep); ++step) wider *= kStep;
+      continue;
+    }
     lattice.planes = std::make_shared<const std::array<LatticePlanes, 3>>(std::move(planes));
     if (std::any_of(regions.begin(), regions.end(),
                     [](const LatticeRegion& r) { return r.spacing != dvec3(r.spacing.x); }))

@@ -19,7 +19,7 @@ constexpr size_t kMany = 10000000;
 
 /// A box of 60 x 40 x 30 in which something of 6 x 6 x 6 wants nodes one apart, the rest nodes ten apart.
 Lattice graded() {
-  const std::vector<LatticeRegion> regions = {{{20, 22, 12}, {26, 28, 18}, 1}, {{0, 0, 0}, {60, 40, 30}, 10}};
+  const std::vector<LatticeRegion> regions = {{{20, 22, 12}, {26, 28, 18}, dvec3(1)}, {{0, 0, 0}, {60, 40, 30}, dvec3(10)}};
   return *Lattice::graded({0, 0, 0}, {60, 40, 30}, regions, 1, 1, kMany);
 }
 
@@ -54,14 +54,14 @@ TEST(GradedLattice, IsAsCloseAsRegionsWantAndCoversTheBox) {
 }
 
 TEST(GradedLattice, HasNoMoreNodesThanAllowed) {
-  const std::vector<LatticeRegion> regions = {{{0, 0, 0}, {60, 40, 30}, 1}};
+  const std::vector<LatticeRegion> regions = {{{0, 0, 0}, {60, 40, 30}, dvec3(1)}};
   const Lattice lattice = *Lattice::graded({0, 0, 0}, {60, 40, 30}, regions, 1, 10, 5000);
   EXPECT_LE(lattice.n.x * lattice.n.y * lattice.n.z, 5000);
   EXPECT_GT(lattice.n.x * lattice.n.y * lattice.n.z, 2500);
 }
 
 TEST(GradedLattice, IsNoneWhereTheWidestSpacingMakesTooManyNodes) {
-  const std::vector<LatticeRegion> regions = {{{0, 0, 0}, {60, 40, 30}, 1}};
+  const std::vector<LatticeRegion> regions = {{{0, 0, 0}, {60, 40, 30}, dvec3(1)}};
   EXPECT_FALSE(Lattice::graded({0, 0, 0}, {60, 40, 30}, regions, 1, 2, 5000));
   EXPECT_FALSE(Lattice::graded({0, 0, 0}, {60, 40, 30}, regions, 1, 1e3, 100)) << "fewer than any has";
 }
@@ -176,7 +176,7 @@ INSTANTIATE_TEST_SUITE_P(Targets, GradedSweep, ::testing::ValuesIn(test::targets
 TEST(GradedSolver, HoldsAllOfTheMedia) {
   const BoxInHaze scene;
   const GuideMedia media(scene.media, {}, 0);
-  const std::vector<LatticeRegion> regions = {{{-1, -1, -1}, {8, 8, 8}, 1}, {media.lo(), media.hi(), 6}};
+  const std::vector<LatticeRegion> regions = {{{-1, -1, -1}, {8, 8, 8}, dvec3(1)}, {media.lo(), media.hi(), dvec3(6)}};
   const Lattice lattice = *Lattice::graded(media.lo(), media.hi(), regions, 1, 1, kMany);
   const ScatteringSolver fine(lattice, media, kGrey, {}), coarse(lattice.every_second(), fine, {});
   const double even =
@@ -190,7 +190,7 @@ TEST(GradedSolver, HoldsAllOfTheMedia) {
 TEST(GradedSolver, KeepsTheEnergyOfAnEvenSky) {
   const BoxInHaze scene;
   const GuideMedia media(scene.media, {}, 0);
-  const std::vector<LatticeRegion> regions = {{{-1, -1, -1}, {8, 8, 8}, 1}, {media.lo(), media.hi(), 6}};
+  const std::vector<LatticeRegion> regions = {{{-1, -1, -1}, {8, 8, 8}, dvec3(1)}, {media.lo(), media.hi(), dvec3(6)}};
   ScatteringSolver solver(*Lattice::graded(media.lo(), media.hi(), regions, 1, 1, kMany), media, kGrey, {});
   const std::vector<double> sky(ScatteringSolver::directions().size(), 1.0);
   Radiance light = solver.entering(sky), sum = light;
