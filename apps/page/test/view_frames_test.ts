@@ -42,8 +42,8 @@ group = "key"
       const page = await made.newPage();
       listen(page);
       await page.goto(program.address);
-      const before = await drawn(picture(page));
       await page.getByText("160 × 120").waitFor();
+      const before = await drawn(picture(page));
       assert.equal(await page.locator('[data-panel="camera"]').count(), 0);
       assert.ok(await page.getByRole("button", { name: "Sun" }).isHidden());
       assert.ok(await page.getByRole("button", { name: "Into the scene" }).isHidden());
