@@ -38,7 +38,7 @@ struct Lattice {
   dvec3 origin{0};     ///< of node (0, 0, 0), the renderer's world space
   double spacing = 1;  ///< of its nearest nodes
   ivec3 n{0};          ///< nodes along each axis, the border included
-  dvec3 flat{1};       ///< how wide cells are along each axis as a whole, where regions wanted unlike widths
+  dvec3 flat{1};       ///< mean width of cells along each axis, where regions wanted unlike ones; else 1
   std::shared_ptr<const std::array<LatticePlanes, 3>> planes;  ///< null: evenly spaced
 
   static int padded(int count) { return (count + kVector - 1) / kVector * kVector; }

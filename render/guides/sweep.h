@@ -20,7 +20,7 @@ struct SweepDomain {
   std::array<int, 3> n{};
   int row = 0;  ///< floats from one row of the last axis to the next; a multiple of Lattice::kVector
   std::array<const float*, 3> places{};  ///< of each axis' nodes, in spacings; null: one apart
-  std::array<double, 3> width{1, 1, 1};  ///< of a cell along each axis, as a whole
+  std::array<double, 3> width{1, 1, 1};  ///< mean width of cells along each axis
   const SweepRow* rows = nullptr;  ///< of each row, the first axis slowest; null: everything. Elsewhere nothing changes
   const SweepRow* kept = nullptr;  ///< where results are wanted; null: all of them
   size_t size() const { return static_cast<size_t>(n[0]) * n[1] * row + 2 * Lattice::kVector; }
